@@ -12,9 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Descriptors 0, 1 and 2, which whoever starts a process may have closed."""
+"""Descriptors that whoever starts a process has closed, or left open in it."""
 
+from collections.abc import Iterable
+import contextlib
 import os
+import re
+
+_NAMED = re.compile(r'/(?:dev|proc/(?:self|thread-self|\d+))/fd/(\d+)')
+_FIRST_LISTENED = 3  # as of sd_listen_fds(3)
 
 
 def fill_standard_descriptors() -> None:
@@ -24,3 +30,21 @@ def fill_standard_descriptors() -> None:
             os.fstat(number)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+
+
+def close_inherited_descriptors(argv: Iterable[str]) -> None:
+    """
+    Close what is open above 2 since before this program: a thousand leave few for its own.
+
+    Those of systemd's sockets stay, and those that an argument or the environment names as a file.
+    What this program has opened itself ends with an exec, and is told by that.
+    """
+    words = (*argv, *os.environ.values())
+    kept = {int(number) for word in words for number in _NAMED.findall(word)}
+    if os.environ.get('LISTEN_PID') == str(os.getpid()):
+        listened = int(os.environ.get('LISTEN_FDS', '0'))
+        kept.update(range(_FIRST_LISTENED, _FIRST_LISTENED + listened))
+    for number in {int(name) for name in os.listdir('/proc/self/fd')} - kept - {0, 1, 2}:
+        with contextlib.suppress(OSError):  # that of the listing
+            if os.get_inheritable(number):
+                os.close(number)

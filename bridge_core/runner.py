@@ -31,7 +31,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 
 from bridge_core import clock
-from bridge_core.descriptors import fill_standard_descriptors
+from bridge_core.descriptors import close_inherited_descriptors, fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
 from bridge_core.output import log_file, NO_SHOW, unblocked_output, without_ros_log_file
@@ -125,6 +125,8 @@ def run(
     """
     fill_standard_descriptors()
     argv = list(sys.argv if args is None else args)
+    if last or args is None:
+        close_inherited_descriptors(argv)
     unknown = [word for word in words_beside_ros(argv) if word not in names]
     if {'-h', '--help'} & set(unknown):
         try:

@@ -28,13 +28,13 @@ from concurrent.futures import Future
 import os
 import queue
 import random
-import select
 import threading
 import time
 from types import TracebackType
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from bridge_core.transports import Transport, TransportError
+from bridge_core.waiting import ready
 from rugged_teleop.faults import FaultyLine
 
 HELP = """\
@@ -345,10 +345,10 @@ class DevicePort(ABC):
         timeout = min(max(min(due) - time.monotonic(), _SHORTEST_WAIT), _LONGEST_WAIT)
         host = self._descriptor()
         descriptors = [self._wake_fd, host] if active else [self._wake_fd]
-        ready = select.select(descriptors, [], [], timeout)[0]
-        if self._wake_fd in ready:
+        found = ready(descriptors, timeout)
+        if self._wake_fd in found:
             os.eventfd_read(self._wake_fd)
-        return active and host in ready
+        return active and host in found
 
     def _read(self) -> None:
         for data in self._read_port():

@@ -25,13 +25,13 @@ import argparse
 from collections.abc import Iterator, Sequence
 import os
 from pathlib import Path
-import select
 import signal
 import sys
 from typing import Any
 
 from bridge_core.options import whole_within
 from bridge_core.simulation import Simulated
+from bridge_core.waiting import ready
 from rugged_teleop.canbuses import CanBusDevice, CHANNEL, INTERFACE
 from rugged_teleop.command_line import Parser, standard_streams
 from rugged_teleop.devices import devices, loaded
@@ -176,7 +176,7 @@ def _lines(device: DevicePort, verbose: bool) -> Iterator[str]:
     """Yield what is typed, line by line, for ever; print changes meanwhile."""
     descriptors, text, told = [sys.stdin.fileno()], '', seen(device)
     while True:
-        if select.select(descriptors, [], [], _VERBOSE_PERIOD if verbose else None)[0]:
+        if ready(descriptors, _VERBOSE_PERIOD if verbose else None):
             data = os.read(descriptors[0], 4096)
             if not data:
                 descriptors = []

@@ -15,7 +15,6 @@
 """A wire that a test steps by hand, by a clock of its own: no thread, and nobody waits."""
 
 from collections.abc import Callable, Sequence
-import select
 from typing import Any
 
 import pytest
@@ -26,6 +25,7 @@ from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire
 from bridge_core.transports.link import Mailbox
 from bridge_core.transports.wire import Bridge, Request, Wire
+from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner, FakeSession, FakeTransport
 
 _MOST_WAITS = 3000  # of one test; more of them at work than asleep is a wire that spins
@@ -75,7 +75,7 @@ class WireBench:
     """
     A wire with fakes all around.
 
-    Its ``select``, ``sleep`` and threads are replaced: what waits lets ``now`` go on, and a port
+    Its ``ready``, ``sleep`` and threads are replaced: what waits lets ``now`` go on, and a port
     is opened at once, or when ``open_ports`` is called where ``blocks`` is true. The device of
     ``port`` is healthy once it has said anything.
 
@@ -137,7 +137,7 @@ class WireBench:
         bench = self
 
         class Namespace:
-            """In the place of three modules, as the wire knows them."""
+            """In the place of two modules, as the wire knows them."""
 
             def __init__(self, **functions: Any) -> None:
                 self.__dict__.update(functions)
@@ -158,7 +158,7 @@ class WireBench:
                     bench.open_ports()
 
         patch.setattr(clock, 'now', lambda: self.now)
-        patch.setattr(wire, 'select', Namespace(select=self._select))
+        patch.setattr(wire, 'ready', self._ready)
         patch.setattr(wire, 'time', Namespace(sleep=self._sleep))
         patch.setattr(wire, 'threading', Namespace(Thread=Thread))
 
@@ -172,15 +172,13 @@ class WireBench:
         assert seconds >= 0.0
         self.now += seconds
 
-    def _select(
-        self, readers: Sequence[Any], writers: Sequence[Any], others: Sequence[Any], timeout: float
-    ) -> tuple[list[Any], list[Any], list[Any]]:
+    def _ready(self, descriptors: Sequence[int], timeout: float) -> list[int]:
         self.waits.append(timeout)
         if len(self.waits) > _MOST_WAITS:
             pytest.fail('the wire spins')
         self.during_wait()
-        found = select.select(readers, writers, others, 0.0)
-        if not found[0]:
+        found = ready(descriptors, 0.0)
+        if not found:
             self._sleep(timeout)
         self.now += self.late
         self.late = 0.0

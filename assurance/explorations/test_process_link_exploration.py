@@ -191,7 +191,7 @@ class World(Remembered):
             'pickle': SimpleNamespace(dumps=lambda it: it, loads=lambda it: it),
         }
         ours: dict[str, Any] = {
-            'select': SimpleNamespace(select=self.select),
+            'ready': self.ready,
             'traceback': SimpleNamespace(print_exc=lambda: None),
         }
         with (
@@ -244,9 +244,7 @@ class World(Remembered):
         number = 1 + max((0, *self.numbers()))
         self.link._put(Request(number, name, name, arguments, 0.0, stop=True), True)
 
-    def select(
-        self, readers: Sequence[int], writers: list[int], others: list[int], timeout: float
-    ) -> tuple[list[int], list[int], list[int]]:
+    def ready(self, readers: Sequence[int], timeout: float) -> list[int]:
         """Sleep as the link's thread would, until the end of this step at most."""
         ready = self.link.woken or self.readable(readers)
         self.link.woken = False
@@ -260,7 +258,7 @@ class World(Remembered):
             while not (self.now >= until or self.readable(readers)) or self.stalled:
                 self.stalled -= self.stalled > 0
                 self.run_children(counts=self.now < until)
-        return [], [], []
+        return []
 
     def readable(self, readers: Sequence[int]) -> bool:
         ends: list[Any] = [each.socket for each in (self.link._wire, self.link._spare) if each]

@@ -54,6 +54,7 @@ from bridge_core.transports.can_channel import multicast_address
 from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 from bridge_core.transports.multicast import MulticastTransport
+from bridge_core.waiting import writable
 
 # Frames a call: bounds how long a stop waits while the bus is full.
 READS = 64
@@ -223,10 +224,14 @@ class SocketCanPort:
         return taken
 
     def _hand_over(self, message: can.Message) -> bool:
+        # Not by python-can, whose select() refuses descriptors above 1023.
+        if not writable(self._socket.fileno(), 0.0):
+            return False
+        head = _FRAME.pack(message.arbitration_id | _EXTENDED, len(message.data))
         try:
-            self._bus.send(message)
-        except can.CanOperationError as error:
-            if error.error_code in _BUSY:
+            self._socket.send(head + message.data.ljust(8, b'\0'), socket.MSG_DONTWAIT)
+        except OSError as error:
+            if error.errno in _BUSY:
                 return False
             raise
         return True

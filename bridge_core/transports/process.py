@@ -33,12 +33,12 @@ import math
 import os
 from pathlib import Path
 import pickle
-import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 import traceback
 from typing import Any
 
@@ -48,6 +48,7 @@ from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports.link import ANSWER_TIME, Link
 from bridge_core.transports.wire import BACKOFF_START, Request, Wire
 from bridge_core.transports.wire_process import ENDING, InForce, receive, TURN
+from bridge_core.waiting import FAULT_PAUSE, ready
 
 _PROGRAM = 'bridge_core.start_wire'
 SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
@@ -201,15 +202,19 @@ class ProcessLink(Link):
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
             while not self._ended:
-                self._guarded_step()
+                if not self._guarded_step():
+                    time.sleep(FAULT_PAUSE)
         finally:
             self._leave()
 
-    def _guarded_step(self) -> None:
+    def _guarded_step(self) -> bool:
+        """Take one; tell whether it went well."""
         try:
             self._wait_and_step()
         except Exception:
             self._take_as_stop(clock.now())
+            return False
+        return True
 
     def _take_as_stop(self, now: float) -> None:
         """Stop after a fault of the owner: what it did not take may have been one."""
@@ -256,7 +261,7 @@ class ProcessLink(Link):
         if self._trouble:
             moments.append(self._report_at)
         timeout = max(0.0005, min(moments) - now)
-        if self._wake_fd in select.select(descriptors, [], [], timeout)[0]:
+        if self._wake_fd in ready(descriptors, timeout):
             os.eventfd_read(self._wake_fd)
         return now + timeout
 

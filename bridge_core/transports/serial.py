@@ -25,7 +25,6 @@ import errno
 import io
 import math
 import os
-import select
 import socket
 import termios
 import threading
@@ -38,6 +37,7 @@ from bridge_core import clock
 from bridge_core.transports import TransportError
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 from bridge_core.transports.serial_identity import identity_of
+from bridge_core.waiting import writable
 
 _HINTS = {
     errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
@@ -156,7 +156,7 @@ class SerialTransport:
                 data = data[os.write(self._fd, data) :]
             except BlockingIOError:
                 left = end - clock.now()
-                if left <= 0 or not select.select([], [self._fd], [], left)[1]:
+                if left <= 0 or not writable(self._fd, left):
                     raise TransportError(
                         f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
                     ) from None

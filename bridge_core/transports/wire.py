@@ -27,7 +27,6 @@ from collections.abc import Callable, Iterable, Sequence
 import contextlib
 from dataclasses import dataclass
 import math
-import select
 import socket
 import threading
 import time
@@ -40,6 +39,7 @@ from bridge_core.report import Damage, levels, LinkStatus, Report, report
 from bridge_core.session import Level, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
 from bridge_core.transports.tap import Tap
+from bridge_core.waiting import FAULT_PAUSE, ready
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
@@ -190,7 +190,8 @@ class Wire(Generic[FrameT]):
         """Run until the requests end; farewell included. Raises nothing."""
         self._stepped_at = clock.now()
         while not self._quit:
-            self._guarded(self._wait_and_step)
+            if not self._guarded(self._wait_and_step):
+                time.sleep(FAULT_PAUSE)
         self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
         self._ended = True
         self._take_opened(clock.now())  # what came between the two
@@ -199,10 +200,15 @@ class Wire(Generic[FrameT]):
         if self._tap is not None:
             self._tap.close()
 
-    def _guarded(self, step: Callable[[], None]) -> None:
-        """Survive a fault of ours: stop, say so, start the link anew after a while."""
+    def _guarded(self, step: Callable[[], None]) -> bool:
+        """
+        Survive a fault of ours: stop, say so, start the link anew after a while.
+
+        Tell whether there was none.
+        """
         try:
             step()
+            return True
         except Exception:
             now = clock.now()
             self._pace_at = now + BACKOFF_START
@@ -210,6 +216,7 @@ class Wire(Generic[FrameT]):
                 self._lose(f'internal error: {traceback.format_exc()}', now, at_fault=True)
             except Exception:  # the owner fails, too
                 self._complain(traceback.print_exc, now)
+            return False
 
     def _complain(self, say: Callable[[], None], now: float) -> None:
         """Say something about a fault that may come again and again, once a second at most."""
@@ -220,19 +227,19 @@ class Wire(Generic[FrameT]):
 
     def _wait_and_step(self) -> None:
         # Anything that a request changes counts at once, so read the clock after the wait.
-        meant, due, ready = self._wait()
+        meant, due, found = self._wait()
         now = clock.now()
         frozen = now - meant
         self._stepped_at = now
         self._take_opened(now)  # first: a freeze makes old news of what waits in a new port, too
         if frozen > _FROZEN_TIME and self.status.is_open:
             self._guarded(lambda: self._forget_backlog(frozen, now))
-            ready = [each for each in ready if each != self._port()]
-        if self._requests.fileno() in ready:
+            found = [each for each in found if each != self._port()]
+        if self._requests.fileno() in found:
             for request in self._take_requests():
                 self._guarded(lambda request=request: self._serve(request, now))  # type: ignore[misc]
         if self.status.is_open:
-            readable = self._port() in ready
+            readable = self._port() in found
             if readable or now >= due:
                 self._exchange(readable, now)
         elif now >= self._open_at:
@@ -255,10 +262,10 @@ class Wire(Generic[FrameT]):
             due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
             descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
-        ready = select.select(descriptors, [], [], timeout)[0]
-        if descriptors[1] in ready:
+        found = ready(descriptors, timeout)
+        if descriptors[1] in found:
             self._woken.recv(64)
-        return self._stepped_at + timeout, due, ready
+        return self._stepped_at + timeout, due, found
 
     def _port(self) -> int:
         return -1 if self._transport is None else self._transport.fileno()
@@ -350,7 +357,7 @@ class Wire(Generic[FrameT]):
             self._pace_at = now + BACKOFF_START
             with contextlib.suppress(Exception):
                 self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
-            if select.select([self._woken], [], [], min(left, self._pace_at - now))[0]:
+            if ready([self._woken.fileno()], min(left, self._pace_at - now)):
                 self._woken.recv(64)
             now = clock.now()
             self._take_opened(now)
@@ -444,7 +451,7 @@ class Wire(Generic[FrameT]):
         assert self._transport is not None
         try:
             for _ in range(_DISCARD_READS):
-                if not select.select([self._transport.fileno()], [], [], 0.0)[0]:
+                if not ready([self._transport.fileno()], 0.0):
                     break
                 self._transport.receive()
         except TransportError as error:

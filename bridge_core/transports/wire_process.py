@@ -26,7 +26,6 @@ import gc
 import importlib
 import os
 import pickle
-import select
 import signal
 import socket
 import struct
@@ -37,6 +36,7 @@ from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.transports.tap import Tap
 from bridge_core.transports.wire import Bridge, Request, Wire
+from bridge_core.waiting import ready
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # ask a process to end
 _BEAT_PERIOD = 0.025  # s, between two signs of life
@@ -82,7 +82,7 @@ class Node:
         """Say that this is ready; tell whether its turn has come, and not the end."""
         self._tell('beat')
         _show('spare wire')
-        select.select([self], [], [])
+        ready([self.fileno()], None)
         if receive(self._socket) != TURN:
             return False
         _show('wire')
@@ -293,6 +293,4 @@ def _end_for(before: int, in_force: InForce, node: Node, bridge: Bridge[Any]) ->
 
 def _ends(process: int, timeout: float) -> bool:
     """Wait for the end of a process, which is a pidfd; tell whether it came."""
-    poll = select.poll()
-    poll.register(process, select.POLLIN)
-    return bool(poll.poll(timeout * 1e3))
+    return bool(ready([process], timeout))

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 import errno
 import fcntl
 import os
-import select
 import termios
 import tty
 from typing import Any, Protocol
@@ -36,6 +35,7 @@ from bridge_core import clock
 from bridge_core.session import Level, Session
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import read_port
+from bridge_core.waiting import ready
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of, guess
@@ -177,7 +177,7 @@ def listen(
                 for frame in session.poll(now)[1]:
                     send(frame)
                 left = max(0.0, min(left, session.deadline() - now))
-            select.select([port.fileno()], [], [], left)
+            ready([port.fileno()], left)
             for chunk in port.receive():
                 heard_at = clock.now()
                 chunks += [chunk] if len(chunks) < _MOST_DATA else []

@@ -28,7 +28,6 @@ from collections.abc import Sequence
 from enum import IntEnum
 import os
 from pathlib import Path
-import select
 import signal
 import sys
 from typing import NoReturn, TextIO
@@ -37,6 +36,7 @@ from bridge_core import clock
 from bridge_core.output import escape_what_is_no_text
 from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
+from bridge_core.waiting import ready
 from ssc_bridge.config.image import compare, Field, Image, ImageError
 from ssc_bridge.config.menus import Dialogue, MenuError
 from ssc_bridge.config.scripts import Maintenance, Standing
@@ -158,7 +158,7 @@ def _pump(transport: SerialTransport, dialogue: Dialogue, interrupts: Interrupts
         if pending and transport.send(pending):
             pending = b''
         wait = min(max(dialogue.deadline - clock.now(), 0.0), _WAIT)
-        if select.select([transport.fileno()], [], [], wait)[0]:
+        if ready([transport.fileno()], wait):
             for data in transport.receive():
                 dialogue.receive(data, clock.now())
 

@@ -406,10 +406,17 @@ class Controller:
         head = struct.pack('=IB3x', frame.arbitration_id | kind, len(frame.data))
         return head + bytes(frame.data), self.beside, flags, None
 
-    def send(self, frame: can.Message) -> None:
+    def fileno(self) -> int:
+        return -1
+
+    def send(self, data: bytes, flags: int) -> None:
+        assert flags == socket.MSG_DONTWAIT
         if self.full:
-            raise can.CanOperationError('full', errno.ENOBUFS)
-        self.waiting.append(frame)
+            raise OSError(errno.ENOBUFS, 'full')
+        head, length = struct.unpack('=IB3x', data[:8])
+        assert head & 0x80000000
+        assert len(data) == 16
+        self.waiting.append(message(head & 0x1FFFFFFF, data[8 : 8 + length]))
 
 
 class Talk:
@@ -420,6 +427,7 @@ class Talk:
         self.controller = Controller()
         monkeypatch.setattr(clock, 'now', lambda: self.now)
         monkeypatch.setattr(can_ports, '_check_interface', lambda name: None)
+        monkeypatch.setattr(can_ports, 'writable', lambda *_: True)
         monkeypatch.setattr(can_ports, 'SocketcanBus', lambda *_, **__: self.controller)
         self.transport = CanTransport('socketcan', 'can0')
         self.transport.open()

@@ -41,6 +41,7 @@ from bridge_core import realtime
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import process, wire_process
 from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
+from bridge_core.waiting import ready
 from stage.rig import ROOT
 from stage.toy_wire import BRIDGE
 from test.bridge_core.test_process_link_steps import Child, StepBench
@@ -520,15 +521,16 @@ class Spare:
         self.heard: list[Any] = []
         self.wires: list[dict[str, Any]] = []
         self.ends: list[int] = []
-        patch.setattr(wire_process, 'select', SimpleNamespace(select=self._select))
+        patch.setattr(wire_process, 'ready', self._ready)
         patch.setattr(wire_process, '_show', self.names.append)
         patch.setattr(wire_process, 'Wire', self._wire)
         patch.setattr(os, '_exit', self.ends.append)
 
-    def _select(self, readers: list[Any], *_: Any) -> None:
+    def _ready(self, descriptors: list[int], timeout: float | None) -> None:
+        assert timeout is None
         self.heard += [pickle.loads(self.ours.recv(1000))[0]]
         self.ours.send(self.word)
-        assert select.select(readers, [], [], 0.0)[0] == [self.node]
+        assert ready(descriptors, 0.0) == [self.node.fileno()]
 
     def _wire(self, bridge: Any, owner: Any, requests: Any, **options: Any) -> Any:
         assert bridge is BRIDGE

@@ -21,7 +21,6 @@ import errno
 import math
 import os
 import pickle
-import select
 import socket
 import subprocess
 import traceback
@@ -37,6 +36,7 @@ from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node, receive, TURN
+from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner
 from stage.toy_wire import BRIDGE
 
@@ -86,13 +86,11 @@ class StepBench:
         self.owner = StoppedOwner()
         self.link = ProcessLink('link', BRIDGE, self.owner, **options)
         patch.setattr(clock, 'now', lambda: self.now)
-        patch.setattr(process, 'select', SimpleNamespace(select=self._select))
+        patch.setattr(process, 'ready', self._ready)
 
-    def _select(
-        self, readers: Sequence[int], writers: list[int], others: list[int], timeout: float
-    ) -> tuple[list[Any], list[Any], list[Any]]:
-        found = select.select(readers, writers, others, 0.0)
-        if not found[0]:
+    def _ready(self, descriptors: Sequence[int], timeout: float) -> list[int]:
+        found = ready(descriptors, 0.0)
+        if not found:
             self.now += timeout + self.late
             self.late = 0.0
         return found

@@ -99,7 +99,7 @@ BRIDGE = {
     'config': ('{bridge}.protocol', 'bridge_core.checksums'),
     'config.main': (
         *('{bridge}.protocol', 'bridge_core.clock', 'bridge_core.output'),
-        *('bridge_core.transports', 'STDLIB'),
+        *('bridge_core.transports', 'bridge_core.waiting', 'STDLIB'),
     ),
 }
 # The same for bridge_core, which knows no device.
@@ -113,8 +113,9 @@ SHARED = {
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
-        *('bridge_core.clock', 'serial', 'can', 'STDLIB'),
+        *('bridge_core.clock', 'bridge_core.waiting', 'serial', 'can', 'STDLIB'),
     ),
+    'waiting': ('STDLIB',),
     'start_wire': ('bridge_core.descriptors', 'bridge_core.transports'),
     'clock': ('STDLIB',),
     'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),

@@ -1,0 +1,130 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Descriptors above 1023, those that a process inherits, and loops whose wait fails."""
+
+import errno
+import fcntl
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge_core import waiting
+from bridge_core.transports import process, wire
+from bridge_core.transports.process import ProcessLink
+from stage.link_rig import FakeOwner
+from stage.rig import ending_with, Pty, ROOT, TIMEOUT_FACTOR, wait_for
+from stage.toy_wire import BRIDGE
+from stage.wire_rig import WireBench
+
+_HIGH = 1100
+_PRODUCT = ('*_bridge', 'bridge_core', 'rugged_teleop', 'safety_mux')
+
+
+def test_descriptor_above_1023_is_waited_for() -> None:
+    read, write = os.pipe()
+    high = fcntl.fcntl(read, fcntl.F_DUPFD_CLOEXEC, _HIGH)
+    try:
+        assert waiting.ready([high, read], 0.0) == []
+        os.write(write, b'x')
+        assert waiting.ready([high], None) == [high]
+        assert waiting.writable(write, 0.0)
+    finally:
+        for each in (read, write, high):
+            os.close(each)
+    with pytest.raises(OSError, match=os.strerror(errno.EBADF)):
+        waiting.ready([high], 0.0)
+
+
+def test_nothing_of_the_product_waits_by_select() -> None:
+    files = [file for name in _PRODUCT for file in ROOT.glob(f'{name}/**/*.py')]
+    assert len(files) > 100
+    found = [file.name for file in files if 'select.select(' in file.read_text()]
+    assert not found
+
+
+def test_node_with_1100_inherited_descriptors_hears_its_device(tmp_path: Path) -> None:
+    port = Pty(tmp_path / 'device')
+    source = os.open(os.devnull, os.O_RDONLY)
+    inherited = [fcntl.fcntl(source, fcntl.F_DUPFD, 3) for _ in range(_HIGH)]
+    output = tmp_path / 'output'
+    named = f'/dev/fd/{inherited[-1]}'
+    command = [sys.executable, '-m', 'fort_vsc_bridge.node', '--ros-args']
+    with output.open('wb') as file:
+        node = subprocess.Popen(
+            [*ending_with(os.getpid()), *command, '-p', f'port:={tmp_path / "device"}'],
+            cwd=ROOT,
+            pass_fds=inherited,
+            stdout=file,
+            stderr=file,
+            env={**os.environ, 'NAMED': named},
+        )
+    for each in (source, *inherited):
+        os.close(each)
+    try:
+        wait_for(lambda: 'device opened' in output.read_text(), 30.0, output.read_text)
+        left = {int(path.name) for path in Path(f'/proc/{node.pid}/fd').iterdir()}
+        assert inherited[-1] in left
+        assert len(left & set(inherited)) < 100  # those that it has opened itself
+        node.terminate()
+        assert node.wait(10.0 * TIMEOUT_FACTOR) == 0
+    finally:
+        node.kill()
+        node.wait()
+        port.unplug()
+
+
+def fails_to_wait(*_: Any) -> list[int]:
+    raise OSError(errno.EBADF, 'no wait')
+
+
+def test_wire_whose_wait_fails_each_time_pauses_and_says_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, pauses = WireBench(monkeypatch), []
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        bench.wire._quit = len(pauses) == 3
+
+    bench.expects_fault = True
+    bench.run()
+    bench.log()
+    monkeypatch.setattr(wire, 'ready', fails_to_wait)
+    monkeypatch.setattr(wire, 'time', SimpleNamespace(sleep=sleep))
+    bench.wire.run()
+    assert pauses == [waiting.FAULT_PAUSE] * 3
+    assert 'stop True' in bench.log()
+
+
+def test_link_whose_wait_fails_each_time_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    link, pauses = ProcessLink('link', BRIDGE, FakeOwner()), []
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        link._ended = len(pauses) == 3
+
+    monkeypatch.setattr(process, 'ready', fails_to_wait)
+    monkeypatch.setattr(process, 'time', SimpleNamespace(sleep=sleep))
+    monkeypatch.setattr(link, '_start', lambda now: None)
+    thread = threading.Thread(target=link._run)  # it blocks signals
+    thread.start()
+    thread.join(10.0 * TIMEOUT_FACTOR)
+    assert pauses == [waiting.FAULT_PAUSE] * 3
