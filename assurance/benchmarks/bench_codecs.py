@@ -153,10 +153,13 @@ def drive_session() -> dict[str, float]:
             session.receive(frames[at], now)
 
     session.opened(now)
-    hear(0)
+    resting = (esi.AxisStatus(esi.AxisState(0), 0, esi.MotorError(0)),) * 2
+    session.receive(esi.Status(resting).to_bytes(esi.Layout.DUAL), now)
     ask(False)
     session.poll(now)
     ask(True)
+    now += 0.001
+    session.poll(now)
     hear(0)
     assert session.phase is esi_session.Phase.ENABLED, session.inhibits(now)
     hearing, asking, sending = [], [], []

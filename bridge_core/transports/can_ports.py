@@ -49,7 +49,7 @@ from can.interfaces.udp_multicast import utils as multicast_wire
 from can.typechecking import CanFilters
 
 from bridge_core import clock
-from bridge_core.transports import TransportError
+from bridge_core.transports import exclusive, TransportError
 from bridge_core.transports.can_channel import multicast_address
 from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
@@ -305,10 +305,14 @@ class PumpedPort:
     """
 
     def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
+        tty = None
         with contextlib.ExitStack() as held:
             if options.get('interface') == 'slcan':
-                _lock_tty(options['channel'], held)
+                tty = _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
+            if tty is not None:
+                held.callback(exclusive.give_back, tty)
+                exclusive.take(tty)
             self._held = held.pop_all()  # for as long as the writer thread lives
         self._channel = options.get('channel', '')
         self._filters = filters  # python-can's own would drop error frames
@@ -469,14 +473,16 @@ def _open_multicast(group: str, port: int) -> MulticastTransport:
     return udp
 
 
-def _lock_tty(channel: str, held: contextlib.ExitStack) -> None:
+def _lock_tty(channel: str, held: contextlib.ExitStack) -> int | None:
     """Keep others that lock out of a serial adapter; pyserial's URLs have no lock."""
     if '://' in channel:
-        return
+        return None
     tty = os.open(channel.split('@')[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     held.callback(os.close, tty)
     try:
         fcntl.flock(tty, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if exclusive.is_exclusive(tty):
+            raise BlockingIOError
     except BlockingIOError as error:
         writer = _stuck_writers.get(channel)
         if writer is not None and writer.is_alive():
@@ -484,6 +490,7 @@ def _lock_tty(channel: str, held: contextlib.ExitStack) -> None:
         else:
             text = 'in use by another program; close that one'
         raise TransportError(text) from error
+    return tty
 
 
 def _check_interface(name: str) -> None:

@@ -34,7 +34,7 @@ from urllib.parse import urlsplit
 import serial
 
 from bridge_core import clock
-from bridge_core.transports import TransportError
+from bridge_core.transports import exclusive, TransportError
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 from bridge_core.transports.serial_identity import identity_of
 from bridge_core.waiting import writable
@@ -70,7 +70,7 @@ class SerialTransport:
         self._serial: Any = None
         self._pump: _Pump | None = None
         self._claim: socket.socket | None = None
-        self._fd = -1
+        self._fd = self._taken = -1
         self._line = Line()  # whose backlog counts
 
     def counts(self) -> dict[str, int | str]:
@@ -103,6 +103,8 @@ class SerialTransport:
             self._fd, line = self._pump.fileno(), self._pump.line
         self._line = Line(line)
         if self._line.is_tty:
+            exclusive.take(line)
+            self._taken = line
             self.low_latency = _set_low_latency(port)
             _set_vmin(line)
             termios.tcflush(line, termios.TCIOFLUSH)
@@ -110,7 +112,7 @@ class SerialTransport:
     def close(self) -> None:
         """Close the port; queued output gets the time that it needs, and 50 ms more."""
         port, pump, line, claim = self._serial, self._pump, self._line, self._claim
-        self._claim = None
+        self._claim, taken, self._taken = None, self._taken, -1
         if claim is not None:
             claim.close()
         self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
@@ -121,6 +123,8 @@ class SerialTransport:
             threading.Thread(target=_quietly, args=(port.close,), daemon=True).start()
         elif port is not None:
             line.drain(self._baud)
+            if taken >= 0:
+                _quietly(exclusive.give_back, taken)
             _quietly(port.close)
 
     def fileno(self) -> int:

@@ -33,7 +33,7 @@ from typing import Any, Protocol
 
 from bridge_core import clock
 from bridge_core.session import Level, Session
-from bridge_core.transports import TransportError
+from bridge_core.transports import exclusive, TransportError
 from bridge_core.transports.serial import read_port
 from bridge_core.waiting import ready
 from rugged_teleop.decode.captures import Capture
@@ -90,6 +90,8 @@ class SerialEar:
         try:
             flags = os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
             self._fd = os.open(self.name, flags)
+            if exclusive.is_exclusive(self._fd):
+                raise BlockingIOError(errno.EBUSY, os.strerror(errno.EBUSY))
             self._before = termios.tcgetattr(self._fd)
             tty.setraw(self._fd, termios.TCSANOW)  # first of all: nothing is echoed from now on
             self._ours = termios.tcgetattr(self._fd)

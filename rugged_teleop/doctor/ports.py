@@ -28,6 +28,7 @@ import stat
 from serial.tools import list_ports
 
 from bridge_core.realtime import user_name
+from bridge_core.transports.exclusive import PTY_MAJORS
 from bridge_core.transports.serial_identity import identity_of
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding
@@ -42,7 +43,6 @@ _BY_RULE = ('/dev/fort_vsc', '/dev/esi_drive', '/dev/ssc')  # the names that the
 _FORT_VENDOR = 0x2A99
 _LOCK = re.compile(r'\d+: (?:FLOCK|OFDLCK|POSIX) .* (-?\d+) ([0-9a-f]+):([0-9a-f]+):(\d+) \S+ \S+')
 _MEMORY_MAJOR = 1  # /dev/null and the like
-_PTY_MAJORS = range(136, 144)  # linux/major.h
 _OURS = re.compile(rf'\b({"|".join(("rugged_teleop_stack", *(node.name for node in NODES)))})\b')
 
 
@@ -131,8 +131,10 @@ def holders_of(device: str, status: os.stat_result, proc: Path = PROC) -> Iterat
 
     Whoever has the other side of a pty is the device, and holds nothing.
     """
-    pids = {*_locks(status, proc), *_open_in(device, proc)} - {os.getpid()}
-    index = os.minor(status.st_rdev) if os.major(status.st_rdev) in _PTY_MAJORS else None
+    is_pty = os.major(status.st_rdev) in PTY_MAJORS
+    number = None if is_pty else status.st_rdev  # a container numbers its ptys anew
+    pids = {*_locks(status, proc), *_open_in(device, proc, number)} - {os.getpid()}
+    index = os.minor(status.st_rdev) if is_pty else None
     for pid in sorted(pids):
         if index is None or not _is_master(proc / str(pid), index):
             yield Holder(pid, _command(proc / str(pid)))
@@ -148,10 +150,13 @@ def device_of(pty: str, proc: Path = PROC) -> Holder | None:
     return None
 
 
-def _open_in(device: str, proc: Path) -> Iterator[int]:
+def _open_in(device: str, proc: Path, number: int | None = None) -> Iterator[int]:
+    """Yield who has it open. :param number: of the device, by whatever node; None: by its path."""
     for link in proc.glob('[0-9]*/fd/*'):
         with contextlib.suppress(OSError):  # it has ended, or is another user's
-            if os.readlink(link) == device:
+            path = os.readlink(link)
+            is_node = number is not None and path.startswith('/dev/')
+            if path == device or (is_node and os.stat(link).st_rdev == number):
                 yield int(link.parts[-3])
 
 

@@ -26,7 +26,7 @@ from typing import Any
 import pytest
 
 from assurance import campaign
-from assurance.benchmarks import results
+from assurance.benchmarks import bench_codecs, results
 from assurance.benchmarks.rig import (
     build,
     family,
@@ -84,6 +84,15 @@ def test_without_a_compiler_the_benchmark_says_so(monkeypatch: pytest.MonkeyPatc
 
 
 # Figures.
+
+
+@pytest.mark.parametrize(
+    'group', ['serial_codecs', 'can_codecs', 'drive_session', 'garbage', 'mux']
+)
+def test_codecs_are_timed(group: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once, small: what is timed has to work, and no figure is asserted."""
+    monkeypatch.setattr(bench_codecs, 'REPEATS', 1)
+    assert all(seconds > 0.0 for seconds in getattr(bench_codecs, group)().values())
 
 
 def test_figures_are_quantiles_of_all_values() -> None:

@@ -1,0 +1,55 @@
+# Copyright 2026 The rugged_teleop maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+One program at a time has a tty, by whatever device node: a lock is one of the node alone.
+
+A container has a node of its own for a device of the host, so no lock of the one holds in the
+other. The exclusive mode of the tty (tty_ioctl(4)) does. It refuses all but root at ``open``; root
+is told by ``is_exclusive``. The kernel ends it as the last descriptor is closed.
+"""
+
+import contextlib
+import errno
+import fcntl
+import os
+import struct
+import termios
+
+_TIOCGEXCL = 0x80045440  # asm-generic/ioctls.h: _IOR('T', 0x40, int)
+PTY_MAJORS = range(136, 144)  # no node of another one's; their mode outlasts who has set it
+
+
+def is_exclusive(fd: int) -> bool:
+    """Tell whether somebody has a tty alone."""
+    with contextlib.suppress(OSError):
+        return bool(struct.unpack('i', fcntl.ioctl(fd, _TIOCGEXCL, bytes(4)))[0])
+    return False
+
+
+def take(fd: int) -> None:
+    """Have a tty alone from now on. :raises OSError: another program has it alone."""
+    if os.major(os.fstat(fd).st_rdev) in PTY_MAJORS:
+        return
+    if is_exclusive(fd):
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+    with contextlib.suppress(OSError):  # no tty
+        fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def give_back(fd: int) -> None:
+    """Let others have it, whoever else keeps it open."""
+    if os.major(os.fstat(fd).st_rdev) not in PTY_MAJORS:
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(fd, termios.TIOCNXCL)
