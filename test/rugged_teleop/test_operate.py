@@ -68,7 +68,7 @@ def test_machine_is_reset_tripped_and_cleared_without_the_command_line_of_ros(
         assert 'overcurrent' in text
         clear = 'then call /esi_drive_bridge/clear_errors, as the drive keeps its errors'
         spine.wait(lambda: clear in run('status')[1], 'the words of the drive', 30.0)
-        assert clear in run('reset')[1]
+        spine.wait(lambda: clear in run('reset')[1], 'the words of the reset', 30.0)
         spine.drive.apply('fault a overcurrent off')
         assert run('clear') == (0, 'the errors are cleared\n')
 
