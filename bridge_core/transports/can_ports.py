@@ -311,8 +311,12 @@ class PumpedPort:
                 tty = _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
             if tty is not None:
-                held.callback(exclusive.give_back, tty)
-                exclusive.take(tty)
+                try:
+                    exclusive.take(tty)
+                except OSError:
+                    self._bus.shutdown()
+                    raise
+                held.callback(exclusive.give_back, tty)  # ours alone, not that of who refused us
             self._held = held.pop_all()  # for as long as the writer thread lives
         self._channel = options.get('channel', '')
         self._filters = filters  # python-can's own would drop error frames

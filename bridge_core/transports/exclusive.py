@@ -20,10 +20,12 @@ other. The exclusive mode of the tty (tty_ioctl(4)) does. It refuses all but roo
 is told by ``is_exclusive``. The kernel ends it as the last descriptor is closed.
 """
 
+from collections.abc import Iterator
 import contextlib
 import errno
 import fcntl
 import os
+import stat
 import struct
 import termios
 
@@ -35,6 +37,31 @@ def is_exclusive(fd: int) -> bool:
     """Tell whether somebody has a tty alone."""
     with contextlib.suppress(OSError):
         return bool(struct.unpack('i', fcntl.ioctl(fd, _TIOCGEXCL, bytes(4)))[0])
+    return False
+
+
+@contextlib.contextmanager
+def refused_if_taken(path: str) -> Iterator[None]:
+    """
+    Look before the line is set up, which would disturb who has it alone.
+
+    What looks stays open until all is done: a last close would let go of the modem lines.
+
+    :raises OSError: another program has it alone.
+    """
+    with contextlib.ExitStack() as held:
+        if _is_tty_with_mode(path):
+            fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+            held.callback(os.close, fd)
+            if is_exclusive(fd):
+                raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+        yield
+
+
+def _is_tty_with_mode(path: str) -> bool:
+    with contextlib.suppress(OSError, ValueError):
+        status = os.stat(path)
+        return stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) not in PTY_MAJORS
     return False
 
 

@@ -82,7 +82,8 @@ class SerialTransport:
         self.close()
         try:
             self._claim = _claim(self.name)
-            self._serial = self._open_serial()
+            with exclusive.refused_if_taken(self.name):
+                self._serial = self._open_serial()
             self._prepare(self._serial)
             self.device = str(identity_of(self.name))
         except (OSError, ValueError, NotImplementedError, termios.error) as error:

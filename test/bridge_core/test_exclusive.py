@@ -17,6 +17,7 @@
 import os
 from pathlib import Path
 import stat
+import termios
 
 import pytest
 
@@ -48,10 +49,13 @@ def test_second_node_of_the_same_tty_is_refused_until_it_is_closed(
 ) -> None:
     first, second = (SerialTransport(str(node), 9600) for node in nodes)
     first.open()
+    before = termios.tcgetattr(first.fileno())
     with pytest.raises(TransportError, match='in use by another program'):
         second.open()
     with pytest.raises(TransportError, match='another program has locked it'):
         SerialEar(str(nodes[1]), 9600).open()
+    assert termios.tcgetattr(first.fileno()) == before  # who is refused disturbs nobody
+    assert first.receive() == []
     first.close()
     second.open()
     second.close()
