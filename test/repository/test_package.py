@@ -1,16 +1,5 @@
 # Copyright 2026 The rugged_teleop maintainers
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """Metadata, entry points, launch files, udev rules, CI and README agree."""
 
@@ -137,17 +126,13 @@ def test_what_shows_and_proves_is_not_installed() -> None:
     assert not installed & {*NOT_INSTALLED}
 
 
-def test_every_source_file_has_the_notice_of_the_licence() -> None:
-    """The words of the licence's appendix, where ament_copyright looks for them."""
-    appendix = text('LICENSE').partition('   Licensed under the Apache')[2].split()
+def test_every_source_file_says_whose_it_is_and_under_which_licence() -> None:
     roots = ['launch', *(name for name in find_packages(str(ROOT)) if '.' not in name)]
     for path in [file for root in roots for file in (ROOT / root).rglob('*.*')]:
         if path.suffix in ('.py', '.c', '.h') and path.stat().st_size:
-            notice = re.match(r'((?:#|//).*\n)+\n', path.read_text(encoding='utf-8'))
-            assert notice, path
-            words = re.sub(r'^(#|//)', '', notice[0], flags=re.MULTILINE).split()
-            assert ' '.join(words[:5]) == 'Copyright 2026 The rugged_teleop maintainers', path
-            assert words[5:] == ['Licensed', 'under', 'the', 'Apache', *appendix], path
+            first, second = path.read_text(encoding='utf-8').splitlines()[:2]
+            assert first.lstrip('#/ ') == 'Copyright 2026 The rugged_teleop maintainers', path
+            assert second.lstrip('#/ ') == 'SPDX-License-Identifier: Apache-2.0', path
 
 
 def test_requirements_are_pinned() -> None:
