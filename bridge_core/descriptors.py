@@ -31,8 +31,9 @@ def close_inherited_descriptors(argv: Iterable[str]) -> None:
     words = (*argv, *os.environ.values())
     kept = {int(number) for word in words for number in _NAMED.findall(word)}
     if os.environ.get('LISTEN_PID') == str(os.getpid()):
-        listened = int(os.environ.get('LISTEN_FDS', '0'))
-        kept.update(range(_FIRST_LISTENED, _FIRST_LISTENED + listened))
+        with contextlib.suppress(ValueError):  # systemd writes a number, or it was not systemd
+            listened = int(os.environ.get('LISTEN_FDS', ''))
+            kept.update(range(_FIRST_LISTENED, _FIRST_LISTENED + listened))
     for number in {int(name) for name in os.listdir('/proc/self/fd')} - kept - {0, 1, 2}:
         with contextlib.suppress(OSError):  # that of the listing
             if os.get_inheritable(number):

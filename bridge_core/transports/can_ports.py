@@ -470,13 +470,16 @@ def _lock_tty(channel: str, held: contextlib.ExitStack) -> int | None:
     """Keep others that lock out of a serial adapter; pyserial's URLs have no lock."""
     if '://' in channel:
         return None
-    tty = os.open(channel.split('@')[0], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-    held.callback(os.close, tty)
     try:
+        flags = os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
+        tty = os.open(channel.split('@')[0], flags)
+        held.callback(os.close, tty)
         fcntl.flock(tty, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if exclusive.is_exclusive(tty):
-            raise BlockingIOError
-    except BlockingIOError as error:
+            raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+    except OSError as error:
+        if error.errno not in (errno.EAGAIN, errno.EBUSY):
+            raise
         writer = _stuck_writers.get(channel)
         if writer is not None and writer.is_alive():
             text = 'unplug the adapter and plug it in; its driver waits for it to take a frame'

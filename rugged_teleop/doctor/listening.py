@@ -71,6 +71,7 @@ class SerialEar:
         self.name = path
         self._baud = baud
         self._fd = -1
+        self._taken = False
         self._before: list[Any] = []  # its settings
         self._ours: list[Any] = []
 
@@ -79,17 +80,17 @@ class SerialEar:
         try:
             flags = os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
             self._fd = os.open(self.name, flags)
-            if exclusive.is_exclusive(self._fd):
-                raise BlockingIOError(errno.EBUSY, os.strerror(errno.EBUSY))
-            self._before = termios.tcgetattr(self._fd)
-            tty.setraw(self._fd, termios.TCSANOW)  # first of all: nothing is echoed from now on
-            self._ours = termios.tcgetattr(self._fd)
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            exclusive.take(self._fd)
+            self._taken = True
+            self._before = termios.tcgetattr(self._fd)
+            tty.setraw(self._fd, termios.TCSANOW)  # before the baud: nothing is echoed from now on
+            self._ours = termios.tcgetattr(self._fd)
             self._set_baud()
             termios.tcflush(self._fd, termios.TCIFLUSH)
         except (OSError, termios.error) as error:
             self.close()
-            locked = isinstance(error, BlockingIOError)
+            locked = error.args[0] in (errno.EAGAIN, errno.EBUSY)
             reason = 'another program has locked it' if locked else error.args[-1]
             raise TransportError(f'{self.name}: {reason}') from error
 
@@ -105,15 +106,20 @@ class SerialEar:
 
     def close(self) -> None:
         """Close it."""
-        fd, self._fd = self._fd, -1
+        fd, self._fd, taken, self._taken = self._fd, -1, self._taken, False
+        if taken:
+            self._restore(fd)
+            exclusive.give_back(fd)
         if fd >= 0:
-            with contextlib.suppress(termios.error):  # it is gone, or no serial port
-                if termios.tcgetattr(fd) == self._ours:
-                    back = list(self._before)
-                    if back[3] & termios.ECHO:  # it stays raw, or the device would hear itself
-                        back[:2], back[3], back[6] = self._ours[:2], self._ours[3], self._ours[6]
-                    termios.tcsetattr(fd, termios.TCSANOW, back)
             os.close(fd)
+
+    def _restore(self, fd: int) -> None:
+        with contextlib.suppress(termios.error):  # it is gone, or no serial port
+            if termios.tcgetattr(fd) == self._ours:
+                back = list(self._before)
+                if back[3] & termios.ECHO:  # it stays raw, or the device would hear itself
+                    back[:2], back[3], back[6] = self._ours[:2], self._ours[3], self._ours[6]
+                termios.tcsetattr(fd, termios.TCSANOW, back)
 
     def fileno(self) -> int:
         """Return the descriptor."""

@@ -11,6 +11,7 @@ import termios
 import pytest
 
 from bridge_core.transports import exclusive, TransportError
+from bridge_core.transports.can import CanTransport
 from bridge_core.transports.serial import SerialTransport
 from rugged_teleop.doctor.listening import SerialEar
 from rugged_teleop.doctor.ports import port_facts
@@ -45,6 +46,36 @@ def test_second_node_of_the_same_tty_is_refused_until_it_is_closed(
         SerialEar(str(nodes[1]), 9600).open()
     assert termios.tcgetattr(first.fileno()) == before  # who is refused disturbs nobody
     assert first.receive() == []
+    first.close()
+    second.open()
+    second.close()
+
+
+def test_doctor_that_listens_keeps_all_others_out_and_leaves_the_line_as_it_was(
+    nodes: tuple[Path, Path],
+) -> None:
+    fd = os.open(nodes[0], os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    before = termios.tcgetattr(fd)
+    ear, port = SerialEar(str(nodes[0]), 9600), SerialTransport(str(nodes[1]), 9600)
+    ear.open()
+    with pytest.raises(TransportError, match='in use by another program'):
+        port.open()
+    ear.close()
+    after = termios.tcgetattr(fd)
+    assert (after[2], after[4:6]) == (before[2], before[4:6])
+    port.open()
+    port.close()
+    os.close(fd)
+
+
+def test_serial_can_adapter_stays_with_the_first_though_others_were_refused(
+    nodes: tuple[Path, Path],
+) -> None:
+    first, second = (CanTransport('slcan', str(node)) for node in nodes)
+    first.open()
+    for refused in (second, second, SerialTransport(str(nodes[1]), 9600)):
+        with pytest.raises(TransportError, match='in use by another program'):
+            refused.open()
     first.close()
     second.open()
     second.close()

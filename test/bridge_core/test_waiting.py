@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core import waiting
+from bridge_core import clock, waiting
 from bridge_core.transports import process, wire
 from bridge_core.transports.process import ProcessLink
 from stage.link_rig import FakeOwner
@@ -50,6 +50,15 @@ def test_nothing_of_the_product_waits_by_select() -> None:
 
 
 def test_node_with_1100_inherited_descriptors_hears_its_device(tmp_path: Path) -> None:
+    heartbeat = bytes.fromhex('100120060900000000004009')  # operational, no e-stop
+    said: list[float] = [0.0]
+
+    def says(words: str) -> bool:
+        if words.startswith('no stop') and clock.now() > said[-1] + 0.05:
+            said.append(clock.now())
+            port.write(heartbeat)
+        return words in output.read_text()
+
     port = Pty(tmp_path / 'device')
     source = os.open(os.devnull, os.O_RDONLY)
     inherited = [fcntl.fcntl(source, fcntl.F_DUPFD, 3) for _ in range(_HIGH)]
@@ -72,12 +81,43 @@ def test_node_with_1100_inherited_descriptors_hears_its_device(tmp_path: Path) -
         left = {int(path.name) for path in Path(f'/proc/{node.pid}/fd').iterdir()}
         assert inherited[-1] in left
         assert len(left & set(inherited)) < 100  # those that it has opened itself
+        for words in ('no stop demanded any more', 'stop: check power'):
+            wait_for(lambda words=words: says(words), 30.0, output.read_text)
         node.terminate()
         assert node.wait(10.0 * TIMEOUT_FACTOR) == 0
     finally:
         node.kill()
         node.wait()
         port.unplug()
+
+
+_AS_FROM_SYSTEMD = """
+import os, sys
+from bridge_core.descriptors import close_inherited_descriptors
+os.environ.update(LISTEN_PID=str(os.getpid()), LISTEN_FDS=sys.argv[1])
+close_inherited_descriptors([])
+print(*(number for number in range(3, 64) if os.path.exists(f'/proc/self/fd/{number}')))
+"""
+
+
+@pytest.mark.parametrize(('count', 'left'), [('2', {3, 4}), ('none', set())])
+def test_sockets_of_systemd_stay_open_and_a_count_that_is_none_is_ignored(
+    count: str, left: set[int]
+) -> None:
+    def three_files() -> None:
+        for number in (3, 4, 5):
+            os.dup2(1, number, inheritable=True)
+
+    command = [sys.executable, '-c', _AS_FROM_SYSTEMD, count]
+    found = subprocess.run(
+        command,
+        cwd=ROOT,
+        check=True,
+        stdout=subprocess.PIPE,
+        close_fds=False,
+        preexec_fn=three_files,
+    )
+    assert {int(each) for each in found.stdout.split()} - {0, 1, 2} == left
 
 
 def fails_to_wait(*_: Any) -> list[int]:
