@@ -81,8 +81,8 @@ def test_node_with_1100_inherited_descriptors_hears_its_device(tmp_path: Path) -
         left = {int(path.name) for path in Path(f'/proc/{node.pid}/fd').iterdir()}
         assert inherited[-1] in left
         assert len(left & set(inherited)) < 100  # those that it has opened itself
-        for words in ('no stop demanded any more', 'stop: check power'):
-            wait_for(lambda words=words: says(words), 30.0, output.read_text)
+        wait_for(lambda: says('no stop demanded any more'), 30.0, output.read_text)
+        wait_for(lambda: says('stop: check power'), 30.0, output.read_text)
         node.terminate()
         assert node.wait(10.0 * TIMEOUT_FACTOR) == 0
     finally:
