@@ -24,7 +24,7 @@ from bridge_core.watchdog import Watchdog
 # A stop for discarded input lasts this long (s), so that a listener who keeps only the newest
 # message cannot miss it.
 INTERRUPTION_TIME = 0.2
-RETRY = 0.001  # s after a frame that did not go out; see Session.refused
+RETRY = 0.001  # s after a frame that the line did not take, until the next poll
 
 FrameT = TypeVar('FrameT')
 MessageT = TypeVar('MessageT')
@@ -209,6 +209,10 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
             if frames:
                 self._quiet_until = -math.inf
         return self._take_events(), frames
+
+    def sent(self, frame: FrameT, now: float) -> None:
+        """Count a frame of the last poll or farewell as sent: it went out."""
+        del frame, now
 
     def refused(self, frame: FrameT, now: float) -> None:
         """Take back what a frame of the last poll counted as: it did not go out."""

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol
 from bridge_core import clock
 from bridge_core.framing import Counters
 from bridge_core.report import Damage, levels, LinkStatus, Report, report
-from bridge_core.session import Level, Session, StopChanged, Verdict
+from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
 from bridge_core.transports.tap import Tap
 from bridge_core.waiting import FAULT_PAUSE, ready
@@ -170,6 +170,7 @@ class Wire(Generic[FrameT]):
         self._backoff = BACKOFF_START
         self._open_at = math.inf
         self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
+        self._retry_at = 0.0  # not before, as the line took no frame
         self._look_at = self._report_at = 0.0
         self.left_safe = True  # no device, or the farewell was said to it
         self._quit = False  # there will be no more requests
@@ -248,7 +249,8 @@ class Wire(Generic[FrameT]):
         descriptors = [self._requests.fileno(), self._woken.fileno()]
         due = math.inf
         if self._session is not None and self.status.is_open:
-            due = max(self._session.deadline(), self._polled_at + _SHORTEST_WAIT)
+            earliest = max(self._polled_at + _SHORTEST_WAIT, self._retry_at)
+            due = max(self._session.deadline(), earliest)
             descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
         found = ready(descriptors, timeout)
@@ -377,6 +379,7 @@ class Wire(Generic[FrameT]):
             except TransportError as failure:
                 taken, error = False, str(failure)
             if taken:
+                session.sent(frame, now)
                 self._show(True, [frame], clock.now())
             else:
                 session.refused(frame, now)
@@ -419,8 +422,10 @@ class Wire(Generic[FrameT]):
                 if clock.now() - now <= _FROZEN_TIME and self._transport.send(frame):
                     self.status.sent += 1
                     taken.append(frame)
+                    self._session.sent(frame, now)
                 else:
                     self.status.dropped += 1
+                    self._retry_at = now + RETRY
                     self._session.refused(frame, now)
         finally:
             at = clock.now()
