@@ -35,7 +35,8 @@ from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports.link import ANSWER_TIME, Link
-from bridge_core.transports.wire import BACKOFF_START, Request, Wire
+from bridge_core.transports.request import Activate, Deactivate, Request
+from bridge_core.transports.wire import BACKOFF_START
 from bridge_core.transports.wire_process import ENDING, InForce, receive, TURN
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -130,11 +131,11 @@ class ProcessLink(Link):
     def _put(self, request: Request, each: bool) -> bool:
         del each  # none replaces another: all are sent
         with self._lock:
-            if request.name == 'activate':
+            if isinstance(request.what, Activate):
                 if self._activation is None or self._activation.number not in self._commands:
                     self._before = self._activation
                 self._activation = request
-            if request.name in Wire.COMMANDS:
+            if request.is_command:
                 self._commands[request.number] = request
                 self._keep()
             why = self._send(request)
@@ -153,7 +154,7 @@ class ProcessLink(Link):
 
     def _send(self, request: Request) -> str:
         """Send it, if that is possible; return why not."""
-        if self._wire is None or not (self._wire.ready or request.name in Wire.COMMANDS):
+        if self._wire is None or not (self._wire.ready or request.is_command):
             # Commands wait. All else would fill the socket of a process that loads, which ended at
             # the first stop too many, and so would the next. It begins stopped without them.
             return _NOTHING_TAKEN
@@ -280,7 +281,7 @@ class ProcessLink(Link):
 
     def _limit_now(self) -> float:
         with self._lock:
-            closes = any(each.name == 'deactivate' for each in self._commands.values())
+            closes = any(isinstance(each.what, Deactivate) for each in self._commands.values())
         return self._limit + _CLOSE_TIME * closes
 
     def _judge(self, now: float) -> None:
@@ -367,7 +368,7 @@ class ProcessLink(Link):
         newest = self._activation
         if request is None:
             pass
-        elif request.name == 'deactivate':
+        elif isinstance(request.what, Deactivate):
             self._before = None
             if newest is not None and newest.number <= request.number:
                 self._activation = None  # not before: the next one may have to say farewell
@@ -469,11 +470,11 @@ class ProcessLink(Link):
 
     def _informed(self, command: Request) -> Request:
         """Return it for a wire that takes over: it has to know what the one before has done."""
-        if command.name != 'activate':
+        if not isinstance(command.what, Activate):
             return command
-        values, resting = command.arguments
+        values, resting = command.what
         known = self._owner.carried_over(values)  # of its port, which may not be that of now
-        return command._replace(arguments=({**values, **known}, resting))
+        return command._replace(what=Activate({**values, **known}, resting))
 
     def _lost(self, wire: _Process, now: float) -> None:
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""
