@@ -91,6 +91,8 @@ BRIDGE = {
         *('bridge_core.transports', 'bridge_core.waiting', 'STDLIB'),
     ),
 }
+# A part of the common node.
+NODE_PART = ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB')
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
@@ -111,7 +113,9 @@ SHARED = {
     'polled': ('bridge_core.lane', 'rclpy'),
     'realtime': ('STDLIB',),
     'convert': ('MESSAGES',),
+    **dict.fromkeys(('bridge_diagnostics', 'input_guard', 'stop_topics'), NODE_PART),
     'diagnostics': ('bridge_core.report', 'MESSAGES'),
+    'deferred': ('bridge_core.session',),
     'managed_node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'remappings': ('bridge_core', 'rclpy', 'STDLIB'),
