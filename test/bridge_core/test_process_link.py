@@ -13,6 +13,7 @@ import ast
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import ctypes
+from dataclasses import replace
 import errno
 import functools
 import math
@@ -700,6 +701,10 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     assert direct.wire() != wire
 
 
+def patient(patch: pytest.MonkeyPatch, **times: float) -> None:
+    patch.setattr(ProcessLink, 'TIMES', replace(ProcessLink.TIMES, **times))
+
+
 @pytest.fixture
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Have wires load only when this pipe is opened to write."""
@@ -713,7 +718,7 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_stops_kill_no_wire_that_loads(
     pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # a busy machine kills none, either
+    patient(monkeypatch, kill=math.inf)  # a busy machine kills none, either
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
@@ -793,7 +798,7 @@ def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: 
 def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, '_SPARE_TIME', math.inf)  # as soon after the last take-over
+    patient(monkeypatch, spare=math.inf)  # as soon after the last take-over
     direct = Direct(pty)
     direct.activate()
     wire = direct.wire()
@@ -906,7 +911,7 @@ def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
         tries.append(arguments)
         raise OSError('no more processes')
 
-    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # there is none for one that hangs
+    patient(monkeypatch, kill=math.inf)  # there is none for one that hangs
     [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
     monkeypatch.setattr(subprocess, 'Popen', refuse)
     wire = direct.wire()  # not before: the spare may have taken over while it was waited for
@@ -1052,6 +1057,7 @@ def test_nothing_is_raised_by_telling_a_node_that_is_gone(
 # Node and wire die at once.
 
 ALONE = """
+from dataclasses import replace
 import math
 import sys
 import threading
@@ -1066,7 +1072,8 @@ class Owner:
     def pace(self, now):
         return now + 0.02
 
-process._SPARE_TIME, process._KILL_TIME = 0.0, math.inf  # a busy machine kills none
+link = process.ProcessLink
+link.TIMES = replace(link.TIMES, spare=0.0, kill=math.inf)  # a busy machine kills none
 process._PROGRAM = sys.argv[3]
 link = process.ProcessLink('alone', BRIDGE, Owner(), device=sys.argv[1])
 link.start()

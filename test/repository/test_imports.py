@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports.process import environment
+from bridge_core.transports.child import environment
 from stage.rig import NOT_INSTALLED, ROOT
 
 NOT_A_BRIDGE = ('bridge_core', 'rugged_teleop')
