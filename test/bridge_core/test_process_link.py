@@ -53,6 +53,7 @@ from stage.toy_rig import (
     ESTOP,
     is_running,
     OUTLASTS_GAPS,
+    runs,
     spares_of,
     ToyDevice,
     wait_repeats,
@@ -1111,9 +1112,16 @@ class Alone:
         self.node.stdin.close()  # what follows may begin
         self.node.stdout.readline()
 
-    def kill(self, *names: str) -> None:
-        for each in names:
-            os.kill(self.pids[each], SIGKILL)
+    def kill(self, name: str) -> None:
+        os.kill(self.pids[name], SIGKILL)
+
+    def kill_both(self) -> None:
+        """Kill node and wire; both are stopped before, as the wire may see the node's end."""
+        both = self.pids['node'], self.pids['wire']
+        for signal in (SIGSTOP, SIGKILL):
+            for pid in both:
+                os.kill(pid, signal)
+            wait_for(lambda: not any(runs(pid) for pid in both), 5.0, 'that both stand still')
 
     def ports_of(self, name: str) -> list[int]:
         """Return the descriptors that it has of the port."""
@@ -1162,7 +1170,7 @@ def test_spare_that_still_loads_as_node_and_wire_die_says_the_farewell(
     opener = threading.Thread(target=lambda: gate.open('w').close(), daemon=True)
     opener.start()  # of the wire; the spare finds the gate shut
     with contextlib.closing(Alone(pty, ready=False)) as alone:
-        alone.kill('node', 'wire')
+        alone.kill_both()
         wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
         assert alone.ends() == 1
 
@@ -1173,7 +1181,7 @@ def test_farewell_waits_for_a_port_that_is_still_held(alone: Alone) -> None:
     held = [pidfd_getfd(process, number) for number in alone.ports_of('wire')]
     os.close(process)
     assert held
-    alone.kill('node', 'wire')
+    alone.kill_both()
     wait_for(lambda: not is_running(alone.pids['wire']), 5.0, 'the end of the wire')
     holds_for(lambda: is_running(alone.pids['spare']), 0.3)
     alone.pty.read()
@@ -1197,7 +1205,7 @@ def test_node_that_dies_after_a_farewell_has_it_said_once(alone: Alone) -> None:
 
 def test_nothing_is_said_where_nothing_is_in_force(pty: Pty) -> None:
     with contextlib.closing(Alone(pty, then='link.deactivate()')) as alone:
-        alone.kill('node', 'wire')
+        alone.kill_both()
         assert alone.ends() == 1  # of the deactivation
 
 
