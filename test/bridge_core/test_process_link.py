@@ -39,7 +39,7 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Answer, Level, StopChanged, Verdict
 from bridge_core.transports import process, TransportError, wire_process
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
+from bridge_core.transports.request import Call, Request
 from bridge_core.transports.wire_process import Node
 from stage import gated_wire
 from stage.endings import each_ending, first_of
@@ -693,8 +693,8 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     wire = direct.wire()
     os.kill(wire, SIGSTOP)
     for _ in range(20000):
-        direct.link.request('request_stop', False)
-    direct.link.request('request_stop', True, stop=True)
+        direct.link.request(Call('request_stop', (False,)))
+    direct.link.request(Call('request_stop', (True,)), stop=True)
     # Either it is taken in, or there is no wire any more that could go on without it.
     wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
     direct.pty.wait_received(b'h')
@@ -723,14 +723,16 @@ def test_stops_kill_no_wire_that_loads(
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
-        assert not any(direct.link.request('request_stop', True, stop=True) for _ in range(5000))
-        pinged = direct.link.request('ping', waits=True)
+        assert not any(
+            direct.link.request(Call('request_stop', (True,)), stop=True) for _ in range(5000)
+        )
+        pinged = direct.link.request(Call('ping'), waits=True)
         refused = (pinged, 'ping', 'its wire takes nothing')
         wait_for(lambda: direct.owner.refused == [refused], 5.0, 'a refusal at once')
         gate.open('w').close()
         direct.activate()
         assert direct.wire() == loads
-        assert direct.link.request('request_stop', True, stop=True)
+        assert direct.link.request(Call('request_stop', (True,)), stop=True)
 
 
 @each_ending
@@ -846,8 +848,8 @@ def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
     log = direct.owner.log
     log.clear()
     for _ in range(2000):
-        direct.link.request('request_stop', False)
-    direct.link.request('request_stop', True, stop=True)
+        direct.link.request(Call('request_stop', (False,)))
+    direct.link.request(Call('request_stop', (True,)), stop=True)
     # A wire that did not run, and had no more room, was ended: its owner stops at that.
     wait_for(lambda: 'stop True' in log or 'lost' in log, 5.0, 'the stop')
 
@@ -1023,7 +1025,7 @@ def test_wire_takes_in_what_was_asked_before_the_node_went(
     node, theirs = ends
     if unread:
         node.done(1, '')
-    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, stop=True)
+    asked = Request(1, 'estop', Call('set_estop', (True,)), 1.0, stop=True)
     theirs.send(pickle.dumps(tuple(asked)))
     theirs.close()
     assert node.take() == [asked]

@@ -218,7 +218,7 @@ def matches(entry: str, bridge: str, name: str) -> bool:
 
 
 def is_pure(name: str) -> bool:
-    return name.split('.')[0] in STDLIB - IMPURE
+    return name.split('.')[0] in STDLIB - IMPURE or within(name, 'typing_extensions')
 
 
 def is_part(name: str, which: str) -> bool:
