@@ -74,8 +74,12 @@ _NAMES_OF_TESTS = {
     'bridge_core/transports/wire.py': ('wire',),
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
-    'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
-    'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
+    **{
+        f'safety_mux/{name}.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties')
+        for name in (
+            *('arbiter', 'stops', 'resets', 'explanation', 'all_inputs', 'inputs', 'owners'),
+        )
+    },
     'safety_mux/intake.py': ('safety_mux_intake',),
     'safety_mux/protocol.py': (
         'safety_mux_config',

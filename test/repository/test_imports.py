@@ -56,6 +56,8 @@ BRIDGE = {
     'arbiter': LOGIC,
     'mapping': LOGIC,
     'limits': LOGIC,
+    # What the arbiter's state is in words.
+    'explanation': (*LOGIC, '{bridge}.arbiter'),
     'report': (*LOGIC, 'bridge_core.report'),
     'convert': (
         *('{bridge}.protocol', 'OTHER'),

@@ -345,7 +345,7 @@ def test_senseless_demand_of_the_owner_stops(demand: tuple[float, ...]) -> None:
 
 def test_malformed_message_followed_by_a_good_one_still_stops() -> None:
     bench = Bench().active()
-    bench.arbiter.operator_invalid('fort', 'it has 2 axes, 6 are needed', bench.now)
+    bench.arbiter.malformed('operator', 'fort', 'it has 2 axes, 6 are needed', bench.now)
     bench.arbiter.operator_sample('fort', DRIVE, bench.now)
     assert_stopped(bench.tick())
     assert 'it has 2 axes, 6 are needed' in bench.reason()
@@ -353,8 +353,8 @@ def test_malformed_message_followed_by_a_good_one_still_stops() -> None:
 
 def test_malformed_message_of_somebody_else_stops_nothing() -> None:
     bench = Bench().active()
-    bench.arbiter.operator_invalid('senior', 'axis 1 is nan', bench.now)
-    bench.arbiter.autonomy_invalid('the twist is not finite', bench.now)
+    bench.arbiter.malformed('operator', 'senior', 'axis 1 is nan', bench.now)
+    bench.arbiter.malformed('autonomy', 'autonomy', 'the twist is not finite', bench.now)
     assert bench.tick().state is State.ACTIVE
 
 
@@ -668,6 +668,6 @@ def test_fields_say_whether_a_reset_counts() -> None:
         status = bench.arbiter.status(bench.now)
         expected = status.stops_clear and status.operators_at_rest
         counted.append(status.state is State.STOPPED and expected)
-        bench.arbiter._reset_asked = None  # this one is not repeated
+        bench.arbiter.calls.last = None  # this one is not repeated
         assert bench.reset().ok is counted[-1]
     assert set(counted) == {True, False}

@@ -121,7 +121,7 @@ def test_what_one_arbiter_alone_has_is_taken_over_by_none(bench: Bench) -> None:
     limited = replace(CONFIG, drives=('',), speed_limits=(SpeedLimit('zone'),))
     other = Bench(limited)
     for one, before in ((other, bench), (bench, other)):
-        one.arbiter.go_on(before.arbiter, one.now)
+        one.arbiter.continue_from(before.arbiter, one.now)
     assert other.ready().decision.state is State.READY
 
 
@@ -203,7 +203,7 @@ def test_autonomy_collects_no_rest_while_it_is_invalid(bench: Bench, how: str) -
     bench.run(0.2)
     arbiter, now = bench.arbiter, bench.now
     if how == 'malformed':
-        arbiter.autonomy_invalid('a test', now)
+        arbiter.malformed('autonomy', 'autonomy', 'a test', now)
     elif how == 'not finite':
         arbiter.autonomy_command((0.0, math.nan), now)
     else:
@@ -223,7 +223,7 @@ def test_autonomy_collects_no_rest_while_it_is_invalid(bench: Bench, how: str) -
 def test_senseless_command_of_autonomy_that_drives_stops(asked: float | None) -> None:
     bench = Bench().active('autonomy')
     if asked is None:
-        bench.arbiter.autonomy_invalid('a test', bench.now)
+        bench.arbiter.malformed('autonomy', 'autonomy', 'a test', bench.now)
     else:
         bench.arbiter.autonomy_command((0.0, asked), bench.now)
         assert (
@@ -263,7 +263,7 @@ def test_zero_that_autonomy_asked_for_in_control_is_no_rest(bench: Bench, how: s
 @pytest.mark.parametrize('name', ['fort', 'senior'])
 def test_fault_of_an_operator_that_is_over_stops_nobody_later(bench: Bench, name: str) -> None:
     bench.run(0.5)
-    bench.arbiter.operator_invalid(name, 'a test', bench.now)
+    bench.arbiter.malformed('operator', name, 'a test', bench.now)
     bench.run(1.0)
     bench.active(name)
     bench.run(1.0)

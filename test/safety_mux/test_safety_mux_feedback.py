@@ -380,7 +380,7 @@ def test_feedback_lost_on_a_ramp_cuts_it() -> None:
     bench.active()
     bench.arbiter.estop_message('gate', True, bench.now)
     assert bench.tick().state is State.STOPPING
-    bench.arbiter.feedback_invalid("joint 'left' is not there", bench.now)
+    bench.arbiter.malformed('feedback', 'feedback', "joint 'left' is not there", bench.now)
     assert_stopped(bench.tick())
 
 

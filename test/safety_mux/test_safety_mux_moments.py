@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from safety_mux.inputs import Run
+from safety_mux.owners import Run
 from safety_mux.protocol import EStopSource, Feedback, Operator, State
 from stage import safety_mux_bench
 from stage.safety_mux_bench import (
@@ -310,7 +310,7 @@ def test_deadman_half_pressed_and_let_go_of_again_begins_a_new_rest() -> None:
 def test_press_before_a_message_that_makes_no_sense_does_not_count() -> None:
     bench = Bench().ready()
     bench.arbiter.operator_sample('fort', DRIVE, bench.now)
-    bench.arbiter.operator_invalid('fort', 'a test', bench.now)
+    bench.arbiter.malformed('operator', 'fort', 'a test', bench.now)
     bench.arbiter.operator_sample('fort', DRIVE, bench.now)
     assert bench.tick().state is State.READY
 

@@ -9,7 +9,7 @@ import math
 
 import pytest
 
-from safety_mux.inputs import AutonomyInput
+from safety_mux.owners import AutonomyInput
 from safety_mux.protocol import Autonomy, Decision, Operator, OperatorSample, State
 from stage.safety_mux_bench import (
     assert_stopped,
@@ -243,7 +243,7 @@ def test_deadman_of_a_higher_operator_after_malformed_messages_ends_control(
         bench.run(0.1)
 
     def malformed(decision: Decision) -> None:
-        bench.arbiter.operator_invalid('senior', 'axis 2 is 1.06', bench.now)
+        bench.arbiter.malformed('operator', 'senior', 'axis 2 is 1.06', bench.now)
 
     bench.run(0.5, malformed)
     bench.samples['fort'] = DRIVE
@@ -259,7 +259,7 @@ def test_stick_that_is_off_neutral_amid_malformed_messages_ends_no_control() -> 
     bench.run(0.5)
     bench.samples['fort'] = DRIVE
     bench.run(0.7)
-    bench.arbiter.operator_invalid('senior', 'axis 2 is 1.06', bench.now)
+    bench.arbiter.malformed('operator', 'senior', 'axis 2 is 1.06', bench.now)
     assert bench.run(0.5).owner == 'fort'
 
 
