@@ -53,9 +53,11 @@ BRIDGE = {
         *('bridge_core.packets', 'bridge_core.j1939'),
     ),
     'session': LOGIC,
-    'arbiter': LOGIC,
+    'arbiter': (*LOGIC, '{bridge}.explanation'),
     'mapping': LOGIC,
     'limits': LOGIC,
+    # What the arbiter's state is in words.
+    'explanation': (*LOGIC, '{bridge}.arbiter'),
     'report': (*LOGIC, 'bridge_core.report'),
     'convert': (
         *('{bridge}.protocol', 'OTHER'),
