@@ -34,6 +34,7 @@ END = '<!-- end of parameters -->'
 SCHEMA = 'rugged_teleop.schema.json'
 
 _COMMON_PAGE = 'docs/common.md'
+_NUMBER = re.compile(r'\ba (whole )?number (from )?(?=\S)')
 _WIDTH = 99
 _COMMENT_COLUMN = 31
 # What a page shows as code: topics, paths, URLs, lists, names with an underscore.
@@ -127,7 +128,7 @@ def _literal(parameter: Parameter) -> str:
 
 
 def _meaning(parameter: Parameter) -> str:
-    return parameter.description + (' A change needs a restart.' if parameter.fixed else '')
+    return parameter.description + (' Needs a restart.' if parameter.fixed else '')
 
 
 # The annotated files.
@@ -187,10 +188,15 @@ def markdown_table(parameters: Iterable[Parameter], named: Iterable[Parameter]) 
     """Return a table. :param named: the parameters of the names in the default lists."""
     head = '| parameter | default | allowed | meaning |\n| --- | --- | --- | --- |\n'
     rows = (
-        (f'`{p.name}`', _defaults(p, named), p.allowed, _CODE.sub(r'`\g<0>`', _meaning(p)))
+        (f'`{p.name}`', _defaults(p, named), _allowed(p), _CODE.sub(r'`\g<0>`', _meaning(p)))
         for p in parameters
     )
     return head + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+
+
+def _allowed(parameter: Parameter) -> str:
+    """Return the allowed values; which kind of number they are is seen in the default."""
+    return _NUMBER.sub('', parameter.allowed)
 
 
 def _defaults(parameter: Parameter, named: Iterable[Parameter]) -> str:
