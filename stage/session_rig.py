@@ -5,6 +5,8 @@
 
 from typing import Any, Generic, TypeVar
 
+from bridge_core.session import RETRY
+
 SessionT = TypeVar('SessionT', bound=Any)
 
 
@@ -22,6 +24,7 @@ class SessionBench(Generic[SessionT]):
         self.events: list[Any] = []
         self.sent: list[tuple[float, Any]] = []
         self.busy = False  # the line takes no frame
+        self._retry_at = 0.0
 
     def open(self) -> list[Any]:
         """Open the port; return the events, as all these methods do."""
@@ -45,7 +48,7 @@ class SessionBench(Generic[SessionT]):
         """Poll at every deadline."""
         before, end = len(self.events), self.now + seconds
         for _ in range(10_000):
-            due = max(self.session.deadline(), self.now)
+            due = max(self.session.deadline(), self._retry_at, self.now)
             if due > end:
                 break
             self.now = due
@@ -60,7 +63,9 @@ class SessionBench(Generic[SessionT]):
         self.events += events
         for frame in frames:
             if self.busy:
+                self._retry_at = self.now + RETRY
                 self.session.refused(frame, self.now)
             else:
+                self.session.sent(frame, self.now)
                 self.sent.append((self.now, frame))
         return events
