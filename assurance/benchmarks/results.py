@@ -191,7 +191,7 @@ TARGETS = (
 LIMITS = {
     'VSC frame': 1.5,
     'ESI status': 2.0,
-    'J1939 joystick': 1.0,
+    'J1939 joystick, (Akron|FORT)': 1.0,
     'mux decision.* 2 joints': 10.0,
     'mux decision.* 16 joints': 100.0,
 }
@@ -299,7 +299,7 @@ def _line(row: Row) -> str:
     cells = (
         row.name,
         f'{_texts(figures)} {row.unit}'.strip(),
-        f'{row.n}' + (f', {row.lost} lost' if row.lost else ''),
+        (f'{row.n}' if row.n > 1 else '') + (f', {row.lost} lost' if row.lost else ''),
         '' if row.absolute else _texts(row.ratio),
         f'{limits}: {"yes" if row.is_met() else "no"}' if limits else '',
     )
