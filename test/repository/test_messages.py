@@ -17,7 +17,7 @@ import re
 
 import pytest
 
-from rugged_teleop.messages import FOLDER, messages, pages, tables
+from rugged_teleop.messages import catalogue, FOLDER, messages, pages, tables
 from stage.rig import ROOT
 
 # Where the words of ~/status and /diagnostics come from.
@@ -119,6 +119,12 @@ def test_every_page_with_messages_is_listed() -> None:
     found = (path for path in FOLDER.rglob('*.md') if '_build' not in path.parts)
     names = {path.relative_to(FOLDER).as_posix() for path in found}
     assert {name for name in names if any(tables(text_of(name)))} == set(pages())
+
+
+def test_links_of_the_tables_lead_on_from_the_page_that_has_them_all() -> None:
+    links = re.findall(r'\]\((?!\w+:)([^)#]+)', catalogue())
+    assert len(links) > len(pages())
+    assert [link for link in links if not (FOLDER / link).exists()] == []
 
 
 @pytest.mark.parametrize('page', pages())
