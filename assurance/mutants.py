@@ -72,6 +72,8 @@ _NAMES_OF_TESTS = {
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
+    'bridge_core/supervisor.py': _PROCESSES,
+    'bridge_core/transports/child.py': _PROCESSES,
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
     'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),

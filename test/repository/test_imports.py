@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports.process import environment
+from bridge_core.transports.child import environment
 from stage.rig import NOT_INSTALLED, ROOT
 
 NOT_A_BRIDGE = ('bridge_core', 'rugged_teleop')
@@ -94,6 +94,7 @@ BRIDGE = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
+    'supervisor': ('bridge_core.session',),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
@@ -102,6 +103,7 @@ SHARED = {
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
+        'bridge_core.supervisor',
         *('bridge_core.clock', 'bridge_core.waiting', 'serial', 'can', 'STDLIB'),
     ),
     'waiting': ('STDLIB',),
