@@ -415,13 +415,13 @@ def test_chosen_crc_sends_before_anybody_is_heard_and_refuses_the_other(crc: Crc
 
 def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> None:
     bench = armed()
-    assert bench.session.bu_id == 7
+    assert bench.session.origin.bu_id == 7
     bench.wait(0.4)
     bench.take(build_packet('VRPI', DEFLECTED, 9000, 8))
     bench.take(build_packet('VRCI', bytes(22), 9001, 8))
     assert of(Command, bench.events) == []
     assert not any(any(sticks.axes) for sticks in of(Sticks, bench.events))
-    assert bench.session.other_base_units(bench.now) == [8]
+    assert bench.session.origin.others(bench.now) == [8]
     assert bench.session.packets['packets lost'] == 0
     bench.wait(0.1)
     assert bench.session.estop
@@ -439,9 +439,9 @@ def test_first_base_unit_is_locked_to_and_another_is_told_but_not_heard() -> Non
 def test_base_unit_is_chosen_by_its_periodic_input_and_by_nothing_else() -> None:
     bench = opened(crc='mpeg2')
     bench.take(build_packet('VRCI', bytes(22), 5, 8))
-    assert (bench.session.bu_id, bench.session.foreign) == (0, 1)
+    assert (bench.session.origin.bu_id, bench.session.origin.foreign) == (0, 1)
     bench.hear()
-    assert bench.session.bu_id == 7
+    assert bench.session.origin.bu_id == 7
     assert not bench.session.estop
 
 
@@ -475,11 +475,11 @@ def test_eight_other_base_units_are_remembered_and_heard_again() -> None:
     bench = armed()
     for origin in range(10, 19):
         bench.take(build_packet('VRPI', CENTRED, 0, origin))
-    assert bench.session.other_base_units(bench.now) == list(range(10, 18))
+    assert bench.session.origin.others(bench.now) == list(range(10, 18))
     bench.run(3.0)
     bench.take(build_packet('VRPI', CENTRED, 1, 12), build_packet('VRPI', CENTRED, 1, 18))
     bench.run(3.0)
-    assert bench.session.other_base_units(bench.now) == [12]
+    assert bench.session.origin.others(bench.now) == [12]
 
 
 def test_other_base_unit_is_named_after_eight_others_that_are_gone() -> None:
@@ -488,7 +488,7 @@ def test_other_base_unit_is_named_after_eight_others_that_are_gone() -> None:
         bench.take(build_packet('VRPI', CENTRED, 0, origin))
     bench.run(5.0)
     bench.take(build_packet('VRPI', CENTRED, 0, 18))
-    assert bench.session.other_base_units(bench.now) == [18]
+    assert bench.session.origin.others(bench.now) == [18]
 
 
 def test_what_another_port_heard_is_forgotten() -> None:
@@ -496,7 +496,7 @@ def test_what_another_port_heard_is_forgotten() -> None:
     bench.take(build_packet('VRPI', CENTRED, 0, 9))
     bench.close()
     bench.open()
-    assert bench.session.other_base_units(bench.now) == []
+    assert bench.session.origin.others(bench.now) == []
     assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
 
 
@@ -547,14 +547,14 @@ def test_origin_zero_is_nobody() -> None:
     bench = opened()
     bench.take(build_packet('VRPI', CENTRED, 5, 0))
     assert bench.session.estop
-    assert bench.session.bu_id == 0
+    assert bench.session.origin.bu_id == 0
     assert bench.session.counters.malformed == 1
 
 
 def test_machine_controllers_packets_on_our_port_are_counted() -> None:
     bench = armed()
     bench.take(build_packet('VRPO', bytes(2), 5))
-    assert bench.session.looped_back == 1
+    assert bench.session.origin.looped_back == 1
     assert 'sends to the wrong port' in bench.session.problems(bench.now)[0][1]
     bench.run(6.0)
     assert bench.session.problems(bench.now) == []
