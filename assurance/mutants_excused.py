@@ -545,7 +545,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: False -> True': _SET_FIRST,
         'Session.forget_hold_output: self._refresh(now) -> pass': 'the poll that follows does it',
         'Session.faulty: self.vrpi is not None and self.enabled -> self.enabled': _FOR_TYPES,
-        'Session._is_ours: return False -> return None': _FALSY,
         **{
             f'Session.{name}: self._expire(now) -> pass': (
                 'it depends on no verdict, and a poll follows'
@@ -554,7 +553,8 @@ EXCUSED: dict[str, dict[str, str]] = {
                 *('set_periodic_output', 'command_published', 'command_done'),
                 'forget_hold_output',
             )
-        },
+        },    },
+    'vm110_bridge/session/controls.py': {
         '_is_enabled: vrpi is not None and vrpi.ru_state == RuState.ENABLED and '
         '(vrpi.ru_disabled == Disabled.ENABLED) -> vrpi.ru_state == RuState.ENABLED and '
         'vrpi.ru_disabled == Disabled.ENABLED': _FOR_TYPES,
@@ -574,7 +574,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     'vm110_bridge/session/encoder.py': {
         'Encoder.__init__: 0 -> 1': _SET_FIRST,
         'Encoder.__init__: self._last = 0 -> pass': _SET_FIRST,
-        'Encoder.take: value - self._last + 128 -> value - self._last - 128': (
+        'Encoder.read: value - self._last + 128 -> value - self._last - 128': (
             'the same modulo 256'
         ),
     },
