@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
 from akron_can_bridge.protocol import Axis, ExtendedJoystick
@@ -16,7 +14,6 @@ from bridge_core.session import Answer
 from stage.akron_session_rig import (
     Bench,
     COAST,
-    COMMAND_LIMIT,
     ef,
     MOVE,
     MOVING,
