@@ -101,6 +101,7 @@ class Drive:
         self._pacer.stop()
         self._extended_pacer.stop()
         self._permissive_pacer.stop()
+        self._said.reset()
         self._revoke = None
 
     def forget(self) -> None:
@@ -219,7 +220,7 @@ class Drive:
         """Take a command. It counts at once, or once a neutral one has come."""
         self._heard.feed(now)
         self._refusal = ''
-        if command == REST and not self._said.expired(now) and not self.forbidden(now, stops):
+        if command == REST and not self.forbidden(now, stops):
             self._is_open = True
         if self._is_open:
             self._end_command(now)
@@ -300,7 +301,7 @@ class Drive:
             return [f'command refused: {self._refusal}']
         if self._heard.expired(now):
             return [f'command is stale: {self._heard.describe(now)}']
-        if self._said.expired(now):
+        if self.moving and self._said.expired(now):
             return ['the bus took no frame for 200 ms, so the unit forgot what was held']
         return []
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from akron_can_bridge.protocol import Axis, ExtendedJoystick
-from akron_can_bridge.session import PausePressed, Request
+from akron_can_bridge.session import PausePressed, Request, Stopped
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
 from stage.akron_session_rig import (
@@ -132,15 +132,15 @@ def test_button_is_not_pressed_anew_for_a_unit_that_forgot_it(
     assert bench.joystick_frames()[-1] == MOVING
 
 
-def test_line_that_takes_nothing_is_told_once_as_a_reason() -> None:
+def test_line_that_takes_nothing_while_the_stick_is_pushed_is_told_once() -> None:
     bench = Bench(command_timeout=2.0).moving()
-    before, bench.refuses = len(bench.events), everything
+    bench.events.clear()
+    bench.refuses = everything
+    bench.run(0.5, MOVE)
     bench.run(0.5, REST)
     text = 'the bus took no frame for 200 ms, so the unit forgot what was held'
-    assert [event.reasons for event in bench.events[before:] if hasattr(event, 'reasons')] == [
-        (text,)
-    ]
-    assert bench.session.inhibits(bench.now)[0] == text
+    assert of(Stopped, bench.events) == [Stopped((text,))]
+    assert bench.session.inhibits(bench.now) == []
 
 
 # -- the permission -------------------------------------------------------------------------------
