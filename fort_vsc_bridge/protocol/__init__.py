@@ -88,6 +88,7 @@ from fort_vsc_bridge.protocol.values import (
     TEXT_KEYS,
     USER_KEYS,
     VALUE_RANGES,
+    VIBRATION_KEYS,
 )
 from fort_vsc_bridge.protocol.wires import CanWire, Frame, HidWire, SerialWire, Wire
 
@@ -107,6 +108,7 @@ __all__ = [
     'TEXT_KEYS',
     'USER_KEYS',
     'VALUE_RANGES',
+    'VIBRATION_KEYS',
     'AutonomyMode',
     'Axis',
     'BasicJoystick',

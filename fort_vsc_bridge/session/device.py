@@ -14,7 +14,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
-from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
+from fort_vsc_bridge.protocol import (
+    Key,
+    MessageControl,
+    MessageType,
+    UserFeedback,
+    UserFeedbackGet,
+)
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 MAX_WRITES = 3
@@ -102,7 +108,7 @@ class _KeySetting(_Setting):
         if now >= self.due:
             if self.state == UNKNOWN and self._questions >= _QUESTIONS:
                 self.state = UNANSWERED
-            self._queue.get_value(self._key)
+            self._queue.put(UserFeedbackGet(self._key))
             self._asked = True
             self._questions += 1
             self.due = now + _ASK_PERIOD
@@ -117,7 +123,7 @@ class _KeySetting(_Setting):
     def answered(self, key: int, value: int, now: float) -> None:
         """Compare; an answer to what was asked before a write is not looked at."""
         if key == self._key and self.is_open and self._asked and self._found(value == self._value):
-            self._queue.set_value(self._key, self._value)
+            self._queue.put(UserFeedback(self._key, self._value))
             self._asked = False
             self.due = now + _ASK_PERIOD
 
@@ -162,7 +168,7 @@ class _IntervalSetting(_Setting):
             return
         if self._found(self._matches()):
             enabled, interval = self._interval_ms > 0, self._interval_ms or 1000
-            self._queue.control(MessageControl(self.kind, enabled, interval))
+            self._queue.put(MessageControl(self.kind, enabled, interval))
             self.start(now + _ASK_PERIOD)
 
     def _matches(self) -> bool:

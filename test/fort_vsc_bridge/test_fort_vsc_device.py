@@ -8,7 +8,14 @@ import math
 
 import pytest
 
-from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
+from fort_vsc_bridge.protocol import (
+    Key,
+    Message,
+    MessageControl,
+    MessageType,
+    UserFeedback,
+    UserFeedbackGet,
+)
 from fort_vsc_bridge.session.device import (
     AS_WANTED,
     Configurator,
@@ -35,14 +42,14 @@ class Queue(SendQueue):
     def __init__(self) -> None:
         self.said: list[object] = []
 
-    def get_value(self, key: int) -> None:
-        self.said.append(key)
-
-    def set_value(self, key: int, value: int) -> None:
-        self.said.append((key, value))
-
-    def control(self, message: MessageControl) -> None:
-        self.said.append(message)
+    def put(self, *messages: Message) -> None:
+        for message in messages:
+            if isinstance(message, UserFeedbackGet):
+                self.said.append(message.key)
+            elif isinstance(message, UserFeedback):
+                self.said.append((message.key, message.value))
+            else:
+                self.said.append(message)
 
 
 class Bench:
