@@ -41,6 +41,8 @@ OVERHEAD = HEAD_SIZE + CHECK_SIZE  # bytes of a packet beside its payload
 _CHECK = struct.Struct('<H')  # sum1, then sum2
 _sums_at = _CHECK.unpack_from
 
+_M = TypeVar('_M', bound='Message')
+
 
 @dataclass(frozen=True, slots=True)
 class PacketFormat:
@@ -117,7 +119,16 @@ class PacketFormat:
         return FrameFormat(self.header, HEAD_SIZE, self.max_size, self.size_of, read)
 
 
-_M = TypeVar('_M', bound='Message')
+def decode_by(
+    messages: Mapping[int, type[_M]],
+) -> Callable[[int, bytes], _M | Unknown]:
+    """Return what reads a payload by its type. :param messages: what may come, by type."""
+
+    def decode(kind: int, payload: bytes) -> _M | Unknown:
+        message = messages.get(kind)
+        return Unknown(kind) if message is None else message.from_payload(payload)
+
+    return decode
 
 
 class Message:

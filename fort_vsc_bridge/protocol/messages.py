@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import re
 import reprlib
 import struct
 
 from bridge_core.framing import StreamParser, Unknown
+from bridge_core.packets import decode_by
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH, Message, MessageType, PACKETS
 from fort_vsc_bridge.protocol.values import (
     AUTONOMY_MODES,
@@ -25,6 +27,7 @@ from fort_vsc_bridge.protocol.values import (
     MODES,
     pack_pad,
     PADS,
+    TEXT_KEYS,
 )
 
 _UNKNOWN_BATTERY = 0xFF  # not in the manual's 0 to 100
@@ -111,10 +114,10 @@ class Heartbeat(Message):
     estop: int
 
     def __post_init__(self) -> None:
-        check_range('the mode', self.mode, 0, 255)
-        if self.autonomy is not None:
-            check_range('the autonomy mode', self.autonomy, 0, 255)
-        check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
+        if not (0 <= self.mode <= 255 and 0 <= (self.autonomy or 0) <= 255):
+            raise ValueError(f'modes must be 0 to 255, not {self.mode} and {self.autonomy}')
+        if not 0 <= self.estop <= 0xFFFFFFFF:
+            raise ValueError(f'the E-stop indication must have 32 bits, not {self.estop}')
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> Heartbeat:
@@ -234,6 +237,17 @@ class UserFeedbackName(Message):
         return self.LAYOUT.pack(self.key, self.name.encode('ascii'))
 
 
+def text_lines(text: str) -> list[UserFeedbackName]:
+    """Return the four lines of the display. :raises ValueError: too many, or one is unsound."""
+    lines = re.split('\r\n|\r|\n', text)
+    if not lines[-1]:
+        del lines[-1]  # a line's end is none between two
+    if len(lines) > len(TEXT_KEYS):
+        raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
+    lines += [''] * (len(TEXT_KEYS) - len(lines))
+    return [UserFeedbackName(key, line) for key, line in zip(TEXT_KEYS, lines, strict=True)]
+
+
 @dataclass(frozen=True, slots=True)
 class UserFeedbackGet(Message):
     """Ask for a key's value (7.3.7); the answer is a UserFeedback. :param key: 0-99."""
@@ -294,6 +308,9 @@ MESSAGES: dict[int, type[Message]] = {kind.TYPE: kind for kind in _ALL}
 assert all(of.LAYOUT.size in PACKETS.lengths[of.TYPE] for of in _ALL if hasattr(of, 'LAYOUT'))
 
 
+decode_payload = decode_by(MESSAGES)
+
+
 def decode(frame: bytes) -> Message | Unknown:
     """Read a whole frame of any type. :raises FrameError: if its frame or contents are unsound."""
     payload = PACKETS.payload_of(frame)
@@ -303,9 +320,3 @@ def decode(frame: bytes) -> Message | Unknown:
 def parser() -> StreamParser[Message]:
     """Return a parser for one direction of one link."""
     return PACKETS.parser(decode_payload)
-
-
-def decode_payload(kind: int, payload: bytes) -> Message | Unknown:
-    """Read the payload of a sound frame. :raises FrameError: a value that cannot be."""
-    message = MESSAGES.get(kind)
-    return Unknown(kind) if message is None else message.from_payload(payload)

@@ -198,6 +198,7 @@ class Configurator:
             for name, kind in _INTERVALS.items()
             if name in wanted
         }
+        self.watches = {watch.kind: watch for watch in self._intervals.values()}
         self._all: list[_KeySetting | _IntervalSetting] = [
             *self._keys.values(),
             *self._intervals.values(),
@@ -236,12 +237,6 @@ class Configurator:
         """Take a key's value from the device."""
         for setting in self._keys.values():
             setting.answered(key, value, now)
-
-    def heard(self, kind: MessageType, now: float) -> None:
-        """Take note that a message came."""
-        for setting in self._intervals.values():
-            if setting.kind is kind:
-                setting.heard(now)
 
     def poll(self, now: float, *, remote_connected: bool) -> None:
         """Queue what is due."""

@@ -6,23 +6,12 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
-from bridge_core.session import (
-    HeldButtons,
-    Level,
-    Pacer,
-    Session as BaseSession,
-    StickStream,
-    Verdict,
-)
+from bridge_core.session import Level, Pacer, Session as BaseSession, StickStream, Verdict
 from bridge_core.watchdog import RateWatch, Watchdog
 from fort_vsc_bridge.protocol import (
-    Axis,
-    AXIS_NAMES,
-    Button,
-    BUTTON_NAMES,
+    check_value,
     CONNECTED_MODES,
     Frame,
     Gps,
@@ -38,6 +27,7 @@ from fort_vsc_bridge.protocol import (
     RemoteStatus,
     SetupString,
     TEXT_KEYS,
+    text_lines,
     USER_KEYS,
     UserFeedback,
     UserFeedbackGet,
@@ -46,21 +36,14 @@ from fort_vsc_bridge.protocol import (
 )
 from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.device import Configurator
-from fort_vsc_bridge.session.events import (
-    Event,
-    GpsSentence,
-    ModeChanged,
-    RemoteState,
-    Sticks,
-    UserValue,
-)
+from fort_vsc_bridge.session.events import Event, GpsSentence, ModeChanged, RemoteState, UserValue
 from fort_vsc_bridge.session.identity import IdentityReader
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.software_stop import SoftwareStop
+from fort_vsc_bridge.session.stick_reader import NEUTRAL, StickReader
 from fort_vsc_bridge.session.stops import StopJudge
 
-_NEUTRAL = Sticks()
 _LATELY = 3.0  # seconds for which what came once is named, and a line counts as looped
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
@@ -78,6 +61,7 @@ class Session(BaseSession[Frame, Received, Event]):
         wire, timeout = settings.wire, settings.link_timeout
         super().__init__(wire.decoder(timeout), timeout)
         self.settings = settings
+        self.DAMAGED = wire.DAMAGED
         self.remote_status: RemoteStatus | None = None  # while a remote is connected
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
@@ -95,7 +79,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
-        self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
+        self._sticks = StickReader(2.0 * timeout, tolerate=settings.tolerate_faulty_axes)
         self._judgement = StopJudge(settings.transition_time)
         rate = settings.wire.most_heartbeats
         self._rate = RateWatch(rate) if math.isfinite(rate) else None
@@ -111,11 +95,6 @@ class Session(BaseSession[Frame, Received, Event]):
     # What is known.
 
     @property
-    def damaged(self) -> str:
-        """Return what to do where much of what comes is damaged."""
-        return self.settings.wire.DAMAGED
-
-    @property
     def heartbeat(self) -> Heartbeat | None:
         """The newest one, while it is fresh."""
         return self._newest if self.verdict.link_up else None
@@ -123,7 +102,7 @@ class Session(BaseSession[Frame, Received, Event]):
     @property
     def mode(self) -> Mode | int | None:
         """The VSC's mode, a plain int if it is an unknown one; None without a fresh heartbeat."""
-        newest = self._newest if self.verdict.link_up else None
+        newest = self.heartbeat
         return None if newest is None else newest.mode
 
     @property
@@ -236,7 +215,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._rejection = message.text
             self._rejected_lately.feed(now)
             return
-        self._device.heard(message.TYPE, now)
+        if watch := self._device.watches.get(message.TYPE):
+            watch.heard(now)
         if isinstance(message, Heartbeat):
             self._newest = message
             self._heard.feed(now)
@@ -250,12 +230,12 @@ class Session(BaseSession[Frame, Received, Event]):
                 self._take_remote_status(message, now)
         elif isinstance(message, Gps):
             if self.link_up:
-                self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
+                self._events.append(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
             # On a line that loops it may be one of ours, which looks the same (table 17).
             if self.link_up and self._looped_back_lately.expired(now):
                 self._device.answered(message.key, message.value, now)
-                self._emit(UserValue(message.key, message.value))
+                self._events.append(UserValue(message.key, message.value))
         elif isinstance(message, SetupString):
             self._identity.answered(message)
         else:
@@ -268,7 +248,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._remote_status_at = now
         self._remote_expires_at = now + max(_STATUS_INTERVALS * gap, _SHORTEST_STATUS_TIME)
         self.remote_status = message
-        self._emit(RemoteState(message))
+        self._events.append(RemoteState(message))
 
     def _take_joystick(self, message: Joystick, now: float) -> None:
         self._joystick_heard.feed(now)
@@ -276,35 +256,12 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = not self.link_up and now >= self._settled_at
         if not self.link_up:
             return
-        sticks = self._sticks_of(message, now)
+        sticks = self._sticks.read(
+            message, now, operational=self.operational, stopped=self.verdict.estop
+        )
         self.faulty = sticks.faulty
         self._stream.published(counts=sticks.operational)
-        self._emit(sticks)
-
-    def _sticks_of(self, message: Joystick, now: float) -> Sticks:
-        if not self.operational:
-            self._held.miss(now, stopped=self.estop)
-            return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
-        if message.zeroed:  # its heartbeat may say why later, or was the first to say so
-            self._held.miss(now, stopped=False)
-            return Sticks(operational=True)
-        controls: tuple[Axis | Button, ...] = message.axes + message.buttons
-        faulty = tuple(
-            f'{name} {control.state.value}'
-            for name, control in zip(AXIS_NAMES + BUTTON_NAMES, controls, strict=True)
-            if control.value is None
-        )
-        named = () if message.pausing else faulty
-        buttons = tuple(button.value for button in message.buttons)
-        if faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=buttons)
-            return Sticks(operational=True, faulty=named)
-        return Sticks(
-            axes=tuple(axis.value or 0 for axis in message.axes),
-            buttons=tuple(map(bool, self._held.of(buttons, now))),
-            operational=True,
-            faulty=named,
-        )
+        self._events.append(sticks)
 
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
@@ -337,22 +294,22 @@ class Session(BaseSession[Frame, Received, Event]):
             self._device.link_changed(newest is not None, now)
             self._identity.link_changed(newest is not None, now)
         if self._modes != before:
-            self._emit(self._modes)
+            self._events.append(self._modes)
         if stopped:
-            self._held.miss(now, stopped=True)
+            self._sticks.miss(now, stopped=True)
         fresh = newest is not None and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
-            self._emit(_NEUTRAL)
+            self._events.append(NEUTRAL)
             if not stopped:
-                self._held.miss(now, stopped=False)
+                self._sticks.miss(now, stopped=False)
         connected = self._modes.mode in CONNECTED_MODES
         if connected and before.mode not in CONNECTED_MODES:
             self._connected_at = now
             self._queue.show_again()
         if self.remote_status is not None and not (connected and now < self._remote_expires_at):
             self.remote_status = None
-            self._emit(RemoteState(None))
+            self._events.append(RemoteState(None))
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at()]
@@ -416,14 +373,9 @@ class Session(BaseSession[Frame, Received, Event]):
     def set_feedback(self, key: int, value: int, now: float) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK)
-        if key not in VALUE_RANGES:
-            raise ValueError(f'key {key} takes no value; keys are 1-12, 80-85, 99')
         if key in PERSISTENT_KEYS and not self.settings.configure_device:
             raise ValueError(f'key {key} is kept in EEPROM; it needs configure_device')
-        low, high = VALUE_RANGES[key]
-        if not low <= value <= high:
-            raise ValueError(f'key {key} takes {low} to {high}, not {value}')
+        check_value(key, value)
         self._queue.put(UserFeedback(key, value))
         if self._open:  # else it is dropped, and overrules nothing
             self._device.overrule(key, value, now)
@@ -431,7 +383,6 @@ class Session(BaseSession[Frame, Received, Event]):
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_NAME)
         if key not in USER_KEYS and key not in TEXT_KEYS:
             raise ValueError(f'key {key} has no name; keys are 1-9, 90-93')
         self._queue.put(UserFeedbackName(key, name))
@@ -445,15 +396,13 @@ class Session(BaseSession[Frame, Received, Event]):
         :raises ValueError: for too many lines, or a line too long or not printable ASCII.
         """
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_NAME)
-        self._queue.put(*_text_lines(text))
+        self._queue.put(*text_lines(text))
         if not self._queue.shows(Key.DISPLAY_MODE):
             self._queue.put(UserFeedback(Key.DISPLAY_MODE, 1))
 
     def get_feedback(self, key: int, now: float) -> None:
         """Queue a question for a key's value; a UserValue event answers; else ValueError."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_GET)
         if key not in VALUE_RANGES:
             raise ValueError(f'key {key} cannot be asked for; keys are 1-12, 80-85, 99')
         self._queue.put(UserFeedbackGet(key))
@@ -465,17 +414,6 @@ class Session(BaseSession[Frame, Received, Event]):
         :raises ValueError: this wire cannot carry it.
         """
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK)
         if left or right:
             one = Key.LEFT_VIBRATION if left else Key.RIGHT_VIBRATION
             self._queue.put(UserFeedback(Key.BOTH_VIBRATION if left and right else one, 1))
-
-
-def _text_lines(text: str) -> list[UserFeedbackName]:
-    lines = re.split('\r\n|\r|\n', text)
-    if not lines[-1]:
-        del lines[-1]  # a line's end is none between two
-    if len(lines) > len(TEXT_KEYS):
-        raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
-    lines += [''] * (len(TEXT_KEYS) - len(lines))
-    return [UserFeedbackName(key, line) for key, line in zip(TEXT_KEYS, lines, strict=True)]

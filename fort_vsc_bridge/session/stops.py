@@ -26,6 +26,11 @@ from fort_vsc_bridge.protocol import (
 ECHO_DELAY = 0.5
 OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not hear us
 ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
+_NO_REMOTE: dict[int, str] = {
+    mode: 'switch the remote on, bring it into reach, acknowledge on it: mode is '
+    f'{mode_name(mode)}, so none is connected, or a stop not acknowledged yet'
+    for mode in MODES_AFTER_A_STOP
+}
 _USER = 'VSC reports e-stop: USER (this computer)'
 
 
@@ -92,12 +97,8 @@ class StopJudge:
             )
         if user:
             reasons.append(self._user_reason())
-        if heartbeat.mode in MODES_AFTER_A_STOP:
-            reasons.append(
-                'switch the remote on, bring it into reach, acknowledge on it: mode is '
-                f'{mode_name(heartbeat.mode)}, so none is connected, or a stop not acknowledged '
-                'yet'
-            )
+        if heartbeat.mode in _NO_REMOTE:
+            reasons.append(_NO_REMOTE[heartbeat.mode])
         elif heartbeat.mode not in CONNECTED_MODES:
             reasons.append(
                 'restart the VSC if this lasts, look at its LED, check its firmware: mode is '

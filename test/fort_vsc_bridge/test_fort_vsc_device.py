@@ -83,7 +83,7 @@ class Bench:
     def watched(self, kind: MessageType, times: Iterable[float], end: float) -> list[object]:
         """Hear messages of a type at these times; return what is sent at the end."""
         for now in times:
-            self.configurator.heard(kind, now)
+            self.configurator.watches[kind].heard(now)
         assert self.poll(math.nextafter(end, 0.0)) == []
         return self.poll(end)
 
@@ -327,7 +327,7 @@ def test_what_comes_until_a_write_has_its_effect_does_not_count() -> None:
 def test_watch_begins_anew_with_the_link() -> None:
     bench = watching(1000)
     for now in (0.5, 0.75, 1.0):
-        bench.configurator.heard(JOYSTICK, now)
+        bench.configurator.watches[JOYSTICK].heard(now)
     bench.link(1.0, up=False)
     assert bench.deadline == math.inf
     bench.link(10.0)

@@ -129,7 +129,10 @@ def test_low_battery_of_the_remote_is_a_problem(
 @pytest.mark.parametrize(
     ('heartbeat', 'values'),
     [
-        (Heartbeat(Mode.PAUSE, AutonomyMode.SHARED_CONTROL, 0x12), ('Pause', '0x00000012', 'Shared control')),
+        (
+            Heartbeat(Mode.PAUSE, AutonomyMode.SHARED_CONTROL, 0x12),
+            ('Pause', '0x00000012', 'Shared control'),
+        ),
         (None, ('None', 'unknown', 'unknown')),
     ],
 )
