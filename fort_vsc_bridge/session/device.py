@@ -14,13 +14,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
-from fort_vsc_bridge.protocol import (
-    Key,
-    MessageControl,
-    MessageType,
-    UserFeedback,
-    UserFeedbackGet,
-)
+from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackGet
+from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 MAX_WRITES = 3

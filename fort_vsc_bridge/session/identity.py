@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from fort_vsc_bridge.protocol import SetupString, SetupStringGet, SetupUnlock
+from fort_vsc_bridge.protocol.messages import SetupString, SetupStringGet, SetupUnlock
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 _KEYS = {1: 'serial number', 111: 'firmware'}

@@ -9,14 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import (
-    CONNECTED_MODES,
-    estop_sources,
-    Heartbeat,
-    Mode,
-    mode_name,
-    RemoteStatus,
-)
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
+from fort_vsc_bridge.protocol.values import CONNECTED_MODES, estop_sources, Mode, mode_name
 from fort_vsc_bridge.session.device import OVERRULED, REFUSED, UNANSWERED
 from fort_vsc_bridge.session.stops import ANYBODY
 

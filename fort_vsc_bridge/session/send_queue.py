@@ -12,18 +12,10 @@ from __future__ import annotations
 
 import math
 
-from fort_vsc_bridge.protocol import (
-    Frame,
-    Key,
-    Message,
-    MessageControl,
-    MessageType,
-    USER_KEYS,
-    UserFeedback,
-    UserFeedbackName,
-    VIBRATION_KEYS,
-    Wire,
-)
+from fort_vsc_bridge.protocol.frames import Message, MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackName
+from fort_vsc_bridge.protocol.values import Key, USER_KEYS, VIBRATION_KEYS
+from fort_vsc_bridge.protocol.wires import Frame, Wire
 
 _SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
 

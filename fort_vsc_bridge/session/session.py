@@ -10,30 +10,30 @@ from typing import Any
 
 from bridge_core.session import Level, Pacer, Session as BaseSession, StickStream, Verdict
 from bridge_core.watchdog import RateWatch, Watchdog
-from fort_vsc_bridge.protocol import (
-    check_value,
-    CONNECTED_MODES,
-    Frame,
+from fort_vsc_bridge.protocol.frames import MessageType, Received, Rejected
+from fort_vsc_bridge.protocol.messages import (
     Gps,
     Heartbeat,
     HostHeartbeat,
     Joystick,
-    Key,
-    MessageType,
-    Mode,
-    PERSISTENT_KEYS,
-    Received,
-    Rejected,
     RemoteStatus,
     SetupString,
-    TEXT_KEYS,
     text_lines,
-    USER_KEYS,
     UserFeedback,
     UserFeedbackGet,
     UserFeedbackName,
+)
+from fort_vsc_bridge.protocol.values import (
+    check_value,
+    CONNECTED_MODES,
+    Key,
+    Mode,
+    PERSISTENT_KEYS,
+    TEXT_KEYS,
+    USER_KEYS,
     VALUE_RANGES,
 )
+from fort_vsc_bridge.protocol.wires import Frame
 from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.device import Configurator
 from fort_vsc_bridge.session.events import Event, GpsSentence, ModeChanged, RemoteState, UserValue

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from bridge_core.session import HeldButtons
-from fort_vsc_bridge.protocol import Axis, AXIS_NAMES, Button, BUTTON_NAMES, Joystick
+from fort_vsc_bridge.protocol.messages import Joystick
+from fort_vsc_bridge.protocol.values import Axis, AXIS_NAMES, Button, BUTTON_NAMES
 from fort_vsc_bridge.session.events import Sticks
 
 NEUTRAL = Sticks()

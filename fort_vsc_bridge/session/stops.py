@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 
 from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import (
+from fort_vsc_bridge.protocol.messages import Heartbeat
+from fort_vsc_bridge.protocol.values import (
     CONNECTED_MODES,
     estop_sources,
     EStopBits,
-    Heartbeat,
     mode_name,
     MODES_AFTER_A_STOP,
 )

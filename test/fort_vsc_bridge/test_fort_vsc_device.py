@@ -8,14 +8,9 @@ import math
 
 import pytest
 
-from fort_vsc_bridge.protocol import (
-    Key,
-    Message,
-    MessageControl,
-    MessageType,
-    UserFeedback,
-    UserFeedbackGet,
-)
+from fort_vsc_bridge.protocol.frames import Message, MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackGet
+from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.session.device import (
     AS_WANTED,
     Configurator,

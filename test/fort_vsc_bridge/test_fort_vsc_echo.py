@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Level, StopChanged, Verdict
-from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.session import Session, Settings
 from fort_vsc_bridge.session.report import DEAF
 from fort_vsc_bridge.session.stops import OBEY_TIME

@@ -12,7 +12,9 @@ import pytest
 
 from bridge_core.framing import FrameError
 from bridge_core.session import StopChanged, Verdict
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, HidWire, InputReport, Mode
+from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Mode
+from fort_vsc_bridge.protocol.wires import HidWire
 from fort_vsc_bridge.session import DeviceSettings, ModeChanged, Session, Settings, Sticks
 from fort_vsc_bridge.simulator import HidSimulator
 from stage.fort_vsc_rig import sticks

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import DeviceSettings, Session, Settings
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import Bench, CENTRED, CLEAR, converse, gaps, heartbeat, opened

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode, RemoteStatus
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
+from fort_vsc_bridge.protocol.values import AutonomyMode, EStopBits, Mode
 from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.stops import ECHO_DELAY, StopJudge
 
