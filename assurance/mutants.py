@@ -56,8 +56,13 @@ _PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'explo
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
-    'bridge_core/framing.py': ('framing_counts', 'framing', 'fast_framing'),
-    'bridge_core/packets.py': ('packets', 'fort_vsc_protocol', 'ssc_protocol', 'fast_framing'),
+    'bridge_core/framing.py': ('framing_counts', 'framing', 'framing_of_devices'),
+    'bridge_core/packets.py': (
+        'packets',
+        'fort_vsc_protocol',
+        'ssc_protocol',
+        'framing_of_devices',
+    ),
     'bridge_core/convert.py': ('shared_convert', *(f'{name}_convert' for name in _CONVERT)),
     'bridge_core/checksums.py': ('checksums', 'crc32'),
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
