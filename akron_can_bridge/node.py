@@ -107,7 +107,8 @@ class AkronCanBridge(BridgeNode[Event]):
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, PausePressed):
-            self._log_press(event)
+            text = 'the stop presses switch 7 once, to pause the oscillation that ~/cmd_joy began'
+            self.log(Level.WARN, text, site='pause')
         elif isinstance(event, Handover):
             self._handover, self._lost, self._told = event, False, True
         elif isinstance(event, HandoverWanted):
@@ -127,12 +128,6 @@ class AkronCanBridge(BridgeNode[Event]):
         if self._limited:  # first: once it has taken over, it may permit directions
             self.request(Session.limit_directions, stop=True)
         self.request(Session.take_over, self._handover, self._lost, stop=True)
-
-    def _log_press(self, event: PausePressed) -> None:
-        text = 'the stop presses switch 7 once, to pause the oscillation that ~/cmd_joy began'
-        if not event.sent:
-            text = 'end the oscillation by what is wired: the line did not take switch 7'
-        self.log(Level.WARN, text, site='pause')
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:

@@ -23,7 +23,7 @@ from bridge_core.runner import run
 from bridge_core.session import Level
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.session import (
     Event,
     GpsSentence,

@@ -68,7 +68,7 @@ class End:
         return bool(self.queue) or self.other.closed
 
 
-class Child:
+class Process:
     """
     A process that is a spare, then the wire; to the link its Popen.
 
@@ -79,7 +79,7 @@ class Child:
 
     pid = 1
 
-    def __init__(self, world: Any, before: Child | None) -> None:
+    def __init__(self, world: Any, before: Process | None) -> None:
         self.world = world
         self.before = before  # the wire that it is the spare of
         self.ours, self.theirs = End(), End()
