@@ -77,6 +77,9 @@ BRIDGE = {
     'intake': ('{bridge}',),
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'bridge_core.session', 'MESSAGES'),
+    # What the mux's node is made of.
+    'listening': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    'services': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
