@@ -44,7 +44,7 @@ CORE = (
 LOGIC = (
     *('{bridge}.protocol', '{bridge}.parameters', 'OTHER'),
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
-    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939'),
+    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939', 'bridge_core.gate'),
 )
 BRIDGE = {
     '__init__': ('{bridge}.protocol',),
@@ -94,6 +94,7 @@ BRIDGE = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
+    'gate': ('bridge_core.watchdog',),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
