@@ -57,7 +57,7 @@ class Rig:
             gate.hear_stop(word == 'estop', self.now)
         elif word in ('enable', 'disable') and gate.enable is not None:
             vain = gate.hear_enable(word == 'enable', self.now, self.stops)
-            self.vain += [vain] * bool(vain)
+            self.vain += [vain] * (vain != ())
         elif word in ('command', 'neutral') and gate.command is not None:
             neutral = word == 'neutral'
             assert gate.hear_command(self.now, self.stops, neutral=neutral) is gate.is_open
@@ -137,6 +137,8 @@ def test_anything_missing_shuts_it_and_is_told_once(
     rig = opened(kind).say(*words)
     assert [each for told in rig.told for each in told if each.startswith(reason)]
     assert len(rig.told) == 1
+    command = rig.gate.command
+    assert command is None or 'bad' not in words or command.heard == (words[-1] == 'command')
     assert rig.gate.last_stop == rig.told[0]
     assert not rig.gate.is_open or (kind, words[-1]) == ('stop', 'clear')
     rig.watch()
@@ -175,7 +177,8 @@ NOT_OPENED_BY = [
     ('edge', ['clear', 'disable', 'enable', 'bad', 'proceed']),
     ('edge', ['clear', 'command', 'disable', 'enable', 'neutral']),  # waits for proceed
     ('edge', ['clear', 'command', 'proceed']),
-    ('edge', ['clear', 'command', 'disable', 'disable', 'proceed']),
+    ('edge', ['clear', 'command', 'disable', 'disable']),
+    ('edge', ['clear', 'command', 'unseen fault', 'unseen disable', 'well', 'enable']),
     ('edge', ['clear', 'command', 'disable', 'unseen fault', 'unseen enable', 'well', 'proceed']),
     ('edge', ['clear', 'disable', 'enable', *UNSEEN_ANEW, 'command', 'proceed']),
 ]
@@ -183,8 +186,10 @@ NOT_OPENED_BY = [
 
 @pytest.mark.parametrize(('kind', 'words'), NOT_OPENED_BY)
 def test_it_stays_shut(kind: str, words: Sequence[str]) -> None:
-    rig = Rig(kind).say(*words)
-    assert not rig.gate.is_open
+    rig = Rig(kind).say(*words[:-1])
+    before = rig.gate.state
+    rig.say(f'unseen {words[-1]}')
+    assert rig.gate.state in (before, State.SHUT)
     rig.watch()
     assert not rig.gate.is_open
     assert rig.say(*OPENS[kind]).gate.is_open
