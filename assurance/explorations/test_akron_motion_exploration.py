@@ -79,7 +79,7 @@ class World(AkronWorld):
 
     def step(self, event: str) -> None:
         """Take a step, with a frame in its midst: a unit forgets who is silent for 0.2 s."""
-        if event not in ('stall', 'freeze'):
+        if event not in ('stall', 'freeze', 'unplug'):
             self.now += self.STEP / 2
             self.keep(self.session.poll(self.now))
             self.now -= self.STEP / 2
