@@ -36,6 +36,7 @@ from bridge_core.report import Report
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 
 
 class AkronCanBridge(BridgeNode[Event]):
@@ -44,7 +45,7 @@ class AkronCanBridge(BridgeNode[Event]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
-    SERVICES = {request.value: (Session.request, request) for request in Request}
+    SERVICES = {request.value: Call.of(Session.request, request) for request in Request}
 
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
