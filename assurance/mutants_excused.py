@@ -553,7 +553,8 @@ EXCUSED: dict[str, dict[str, str]] = {
                 *('set_periodic_output', 'command_published', 'command_done'),
                 'forget_hold_output',
             )
-        },    },
+        },
+    },
     'vm110_bridge/session/controls.py': {
         '_is_enabled: vrpi is not None and vrpi.ru_state == RuState.ENABLED and '
         '(vrpi.ru_disabled == Disabled.ENABLED) -> vrpi.ru_state == RuState.ENABLED and '
