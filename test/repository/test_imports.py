@@ -102,7 +102,7 @@ NODE_PART = ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB')
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'gate': ('bridge_core.watchdog',),
-    'supervisor': ('bridge_core.session',),
+    'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
