@@ -15,10 +15,11 @@ All that is used of rclpy beside its public API, as it is in Jazzy (rclpy 7.1).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -62,21 +63,32 @@ class Topic:
     wanted: bool = True
 
 
-class Waiter(Protocol):
+class Waiter(ABC):
     """What a lane waits by. Subscribing and waking may be done in any thread."""
 
+    def __init__(self, node: Node, guard: Any, guarded: Callable[..., Any]) -> None:
+        self._node = node  # that has the subscriptions
+        self._guard = guard
+        self._guarded = guarded
+
+    @abstractmethod
     def subscribe(self, topic: Topic, name: str, qos: Any) -> None:
         """Make ``topic.subscription``."""
 
     def unsubscribe(self, topic: Topic) -> None:
         """Destroy it."""
+        self._node.destroy_subscription(topic.subscription)
 
     def wake(self) -> None:
         """End a wait."""
+        with suppress(InvalidHandle):  # the thread has ended
+            self._guard.trigger()
 
+    @abstractmethod
     def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
         """Wait for messages, so many seconds at most, and call their callbacks."""
 
+    @abstractmethod
     def close(self) -> None:
         """Wait no more."""
 
@@ -143,7 +155,7 @@ class NotForExecutors(CallbackGroup):
         """Nothing was begun."""
 
 
-class _WaitSetWaiter:
+class _WaitSetWaiter(Waiter):
     """
     Waits on the inner wait set of rclpy, as its executor does.
 
@@ -152,10 +164,8 @@ class _WaitSetWaiter:
     """
 
     def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
-        self._node = node
-        self._guarded = guarded
+        super().__init__(node, GuardCondition(None, None, context=node.context), guarded)
         self._group = NotForExecutors()
-        self._guard = GuardCondition(None, None, context=node.context)
         self._topics: tuple[Topic, ...] = ()  # as given for the set
         self._held: list[tuple[Topic, Any]] = []  # with their handles
         self._set: Any = None
@@ -169,13 +179,6 @@ class _WaitSetWaiter:
             callback_group=self._group,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-
-    def unsubscribe(self, topic: Topic) -> None:
-        self._node.destroy_subscription(topic.subscription)
-
-    def wake(self) -> None:
-        with suppress(InvalidHandle):  # the thread has ended
-            self._guard.trigger()
 
     def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
         if self._set is None or topics is not self._topics:
@@ -222,7 +225,7 @@ class _WaitSetWaiter:
         self._guard.destroy()
 
 
-class _ExecutorWaiter:
+class _ExecutorWaiter(Waiter):
     """
     Waits by the public executor, on a small node of its own, where rclpy has no known wait set.
 
@@ -231,8 +234,7 @@ class _ExecutorWaiter:
 
     def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
         self._owner = node
-        self._guarded = guarded
-        self._node = Node(
+        own = Node(
             LANE_NODE.format(node.get_name()),
             namespace=node.get_namespace(),
             context=node.context,
@@ -240,9 +242,9 @@ class _ExecutorWaiter:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._guard = self._node.create_guard_condition(lambda: None)
+        super().__init__(own, own.create_guard_condition(lambda: None), guarded)
         self._executor = SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(own)
 
     def subscribe(self, topic: Topic, name: str, qos: Any) -> None:
         def on_message(message: Any, info: dict[str, Any]) -> None:
@@ -257,13 +259,6 @@ class _ExecutorWaiter:
             raw=topic.raw,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-
-    def unsubscribe(self, topic: Topic) -> None:
-        self._node.destroy_subscription(topic.subscription)
-
-    def wake(self) -> None:
-        with suppress(InvalidHandle):  # the thread has ended
-            self._guard.trigger()
 
     def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
         del topics
