@@ -36,9 +36,9 @@ from bridge_core.report import Report, Status
 from bridge_core.services import Waiting
 from bridge_core.session import Answer, EventT, Level, StopChanged, Verdict
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import Link, ThreadLink
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Bridge
 from bridge_core.watchdog import FreezeWatch, FROZEN
 
 _LOG_PERIOD = 1.0  # s, of each site

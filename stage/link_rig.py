@@ -16,8 +16,8 @@ from bridge_core.framing import Decoder
 from bridge_core.report import LinkStatus, Report
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import ThreadLink
-from bridge_core.transports.wire import Bridge
 from stage.rig import holds_for, wait_for
 
 PACE = 0.02

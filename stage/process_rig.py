@@ -21,9 +21,9 @@ import pytest
 from bridge_core import clock
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import process
+from bridge_core.transports.bridge import Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner

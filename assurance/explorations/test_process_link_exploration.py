@@ -20,9 +20,9 @@ from assurance.explorer import Memory, Remembered, START, visits_of
 from bridge_core.session import StopChanged
 from bridge_core.supervisor import Stage, Times
 from bridge_core.transports import process, wire_process
+from bridge_core.transports.bridge import Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import TURN
 from stage.toy_wire import BRIDGE
 from stage.wire_children import Process, ROOM, STEP, Values

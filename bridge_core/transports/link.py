@@ -20,8 +20,9 @@ from typing import Any, Protocol
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge, INPUT_LIMIT, Owner, Request, REQUEST_LIMIT
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge, INPUT_LIMIT, Owner, Request, REQUEST_LIMIT, Wire
+from bridge_core.transports.wire import Wire
 
 ACTIVATE_TIME = 60.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal

@@ -30,9 +30,9 @@ from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Orders, Stage, Supervisor, Times
+from bridge_core.transports.bridge import COMMANDS, Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.link import ANSWER_TIME, Link
-from bridge_core.transports.wire import Request, Wire
 from bridge_core.transports.wire_process import ENDING, InForce, TURN
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -76,7 +76,7 @@ class ProcessLink(Link):
     def _put(self, request: Request, each: bool) -> bool:
         del each  # none replaces another: all are sent
         with self._lock:
-            if request.name in Wire.COMMANDS:
+            if request.name in COMMANDS:
                 self._orders.give(request)
                 self._keep()
             why = self._send(request)
@@ -95,7 +95,7 @@ class ProcessLink(Link):
 
     def _send(self, request: Request) -> str:
         """Send it, if that is possible; return why not."""
-        if self._wire is None or not (self._state.has_loaded or request.name in Wire.COMMANDS):
+        if self._wire is None or not (self._state.has_loaded or request.name in COMMANDS):
             # Commands wait. All else would fill the socket of a process that loads, which ended at
             # the first stop too many, and so would the next. It begins stopped without them.
             return _NOTHING_TAKEN

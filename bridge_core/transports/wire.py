@@ -14,19 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import contextlib
-from dataclasses import dataclass
 import math
-import socket
-import threading
 import time
 import traceback
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol
+from typing import Any, Generic
 
 from bridge_core import clock
 from bridge_core.framing import Counters
-from bridge_core.report import Damage, levels, LinkStatus, Report, report
+from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
+from bridge_core.transports.bridge import Bridge, COMMANDS, Owner, Request, Requests
+from bridge_core.transports.opener import Opener
 from bridge_core.transports.tap import Tap
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -41,96 +40,9 @@ _LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
-REQUEST_LIMIT = 0.2  # s that a request may wait for its wire
-INPUT_LIMIT = 0.03  # s, from the middleware to the wire, of what must be fresh to count
 _LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
-
-
-@dataclass(frozen=True)
-class Bridge(Generic[FrameT]):
-    """
-    What a wire is made of; the functions take the node's parameters.
-
-    :param module: where this stands as ``BRIDGE``. It imports nothing of ROS.
-    :param make_session: raises ValueError for parameters that contradict each other.
-    :param make_transport: makes the port, not yet open; raises ValueError likewise.
-    :param make_resting_session: makes what runs on the port while the node is inactive; none
-        where the port is closed then.
-    :param check_port: raises ValueError for what no port can be made from, at little cost; none
-        where any may be tried.
-    :param loads: modules that make_transport imports late, so that only a wire's own process has
-        them: it loads them at its start, since it must not be silent for as long later.
-    """
-
-    module: str
-    make_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]]
-    make_transport: Callable[[dict[str, Any]], Transport[FrameT]]
-    make_resting_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]] | None = None
-    check_port: Callable[[dict[str, Any]], object] | None = None
-    loads: Sequence[str] = ()
-
-    def check(self, values: dict[str, Any]) -> None:
-        """:raises ValueError: session or port cannot be made from these parameters."""
-        self.make_session(values)
-        if self.check_port is not None:
-            self.check_port(values)
-
-
-class Request(NamedTuple):
-    """
-    One thing that is asked of a wire.
-
-    :param number: of the request, by which its end is told.
-    :param key: what it is about, in the words of the topics.
-    :param name: a method of the session that takes ``*arguments, now``, or one of Wire.COMMANDS.
-    :param at: when it was asked, by ``clock.now``, which all processes share.
-    :param limit: the age in s from which on it does not count any more.
-    :param stop: it counts however old it is.
-    :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
-    """
-
-    number: int
-    key: str
-    name: str
-    arguments: tuple[Any, ...]
-    at: float
-    limit: float = REQUEST_LIMIT
-    stop: bool = False
-    waits: bool = False
-
-
-class Requests(Protocol):
-    """Where requests come from."""
-
-    def fileno(self) -> int:
-        """Return what becomes readable when there are any."""
-
-    def take(self) -> list[Request]:
-        """Return and forget those that there are. :raises EOFError: there will be none."""
-
-    def done(self, number: int, error: str) -> None:
-        """Take the end of a command. :param error: empty if it did what it says."""
-
-
-class Owner(Protocol):
-    """Who takes what a wire has to tell, always in the wire's thread or process."""
-
-    def on_events(self, events: Sequence[Any], now: float) -> None:
-        """Take events of the session, in their order."""
-
-    def on_report(self, report: Report, now: float) -> None:
-        """Take the report: once a second, and when a level has changed."""
-
-    def on_refused(self, number: int, key: str, text: str) -> None:
-        """Take why a request makes no sense."""
-
-    def pace(self, now: float) -> float:
-        """Publish what is due; return when to be called next."""
-
-    def link_changed(self, text: str, ok: bool) -> None:
-        """Log that the port was opened, lost or could not be opened."""
 
 
 class Wire(Generic[FrameT]):
@@ -140,8 +52,6 @@ class Wire(Generic[FrameT]):
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
     :param tap: where to put what goes over the port; it does not wait.
     """
-
-    COMMANDS: ClassVar = ('activate', 'deactivate')
 
     def __init__(
         self,
@@ -158,10 +68,8 @@ class Wire(Generic[FrameT]):
         self._requests = requests
         self._reconnect_period = reconnect_period
         self._tap = tap
-        self._wake, self._woken = socket.socketpair()
-        self._opened_ports: list[tuple[Transport[FrameT], str]] = []  # by threads that open
+        self._opener: Opener[FrameT] = Opener()
         self._transport: Transport[FrameT] | None = None
-        self._opening: Transport[FrameT] | None = None  # a thread is at work in its open()
         self._session: Session[FrameT, Any, Any] | None = None
         self._left: Session[FrameT, Any, Any] | None = None  # the one before, of a wire at rest
         self._resting = False
@@ -174,7 +82,6 @@ class Wire(Generic[FrameT]):
         self._look_at = self._report_at = 0.0
         self.left_safe = True  # no device, or the farewell was said to it
         self._quit = False  # there will be no more requests
-        self._ended = False  # and the farewell was said
 
     def run(self) -> None:
         """Run until the requests end; farewell included. Raises nothing."""
@@ -183,10 +90,9 @@ class Wire(Generic[FrameT]):
             if not self._guarded(self._wait_and_step):
                 time.sleep(FAULT_PAUSE)
         self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
-        self._ended = True
+        self._opener.end()
         self._take_opened(clock.now())  # what came between the two
-        self._wake.close()
-        self._woken.close()
+        self._opener.close()
         if self._tap is not None:
             self._tap.close()
 
@@ -246,7 +152,7 @@ class Wire(Generic[FrameT]):
         frozen in the midst of that one too, and when the session is due.
         """
         deadline = min(self._pace_at, self._open_at, self._look_at)
-        descriptors = [self._requests.fileno(), self._woken.fileno()]
+        descriptors = [self._requests.fileno(), self._opener.fileno()]
         due = math.inf
         if self._session is not None and self.status.is_open:
             earliest = max(self._polled_at + _SHORTEST_WAIT, self._retry_at)
@@ -254,8 +160,8 @@ class Wire(Generic[FrameT]):
             descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
         found = ready(descriptors, timeout)
-        if descriptors[1] in found:
-            self._woken.recv(64)
+        if self._opener.fileno() in found:
+            self._opener.heard()
         return self._stepped_at + timeout, due, found
 
     def _port(self) -> int:
@@ -286,7 +192,7 @@ class Wire(Generic[FrameT]):
             return []
 
     def _serve(self, request: Request, now: float) -> None:
-        if request.name in self.COMMANDS:
+        if request.name in COMMANDS:
             error = 'it failed'
             try:
                 getattr(self, f'_{request.name}')(*request.arguments, now)
@@ -333,11 +239,13 @@ class Wire(Generic[FrameT]):
 
     def _deactivate(self, now: float, patience: float = _OPEN_TIME) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
-        if self._opening is None and now >= self._open_at:  # of just now: the device may be moving
+        if (
+            self._opener.port is None and now >= self._open_at
+        ):  # of just now: the device may be moving
             self._guarded(self._start_opening)
         now = clock.now()
         end = now + patience
-        while self._opening is not None and self._opening is self._transport:
+        while self._opener.port is not None and self._opener.port is self._transport:
             left = end - now
             if left <= 0.0:
                 text = f'no farewell: {self._transport.name} was still being opened'
@@ -348,8 +256,8 @@ class Wire(Generic[FrameT]):
             self._pace_at = now + BACKOFF_START
             with contextlib.suppress(Exception):
                 self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
-            if ready([self._woken.fileno()], min(left, self._pace_at - now)):
-                self._woken.recv(64)
+            if ready([self._opener.fileno()], min(left, self._pace_at - now)):
+                self._opener.heard()
             now = clock.now()
             self._take_opened(now)
         transport, session, was_open = self._transport, self._session, self.status.is_open
@@ -456,33 +364,14 @@ class Wire(Generic[FrameT]):
 
     def _start_opening(self) -> None:
         assert self._transport is not None
-        threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
-        # Not before: a thread that the system refuses opens nothing, and has to be tried again.
-        self._open_at, self._opening = math.inf, self._transport
-
-    def _open(self, transport: Transport[FrameT]) -> None:
-        """Open the port, beside the loop: a URL port may take seconds to refuse."""
-        error = ''
-        try:
-            transport.open()
-        except TransportError as failure:
-            error = str(failure)
-        except Exception:  # whatever a driver throws is a port that did not open
-            error = f'cannot open {transport.name}: {traceback.format_exc()}'
-        self._opened_ports.append((transport, error))
-        if self._ended:
-            transport.close()
-        with contextlib.suppress(OSError):  # the loop has ended meanwhile
-            self._wake.send(b'\0')
+        self._opener.start(self._transport)
+        self._open_at = math.inf
 
     def _take_opened(self, now: float) -> None:
-        while self._opened_ports:
-            transport, error = self._opened_ports.pop(0)
+        for transport, error in self._opener.opened():
             self._guarded(lambda: self._opened(transport, error, now))  # noqa: B023 - called here
 
     def _opened(self, transport: Transport[FrameT], error: str, now: float) -> None:
-        if self._opening is transport:
-            self._opening = None
         if transport is not self._transport or self._session is None:
             transport.close()  # deactivated meanwhile
         elif error:
@@ -513,7 +402,7 @@ class Wire(Generic[FrameT]):
             self._complain(lambda: self._owner.link_changed(error, False), now)
             return
         with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
-            if self._opening is not transport:
+            if self._opener.port is not transport:
                 last.callback(transport.close)
             if was_open:
                 last.callback(lambda: self._owner.on_events(session.closed(now), now))
@@ -524,7 +413,7 @@ class Wire(Generic[FrameT]):
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error
         self.status.is_open, self.status.error = False, error
-        if self._opening is not self._transport:  # else its end decides what comes next
+        if self._opener.port is not self._transport:  # else its end decides what comes next
             self._open_at = now + self._backoff
         self._backoff = min(2 * self._backoff, self._reconnect_period)
         if news:

@@ -21,7 +21,7 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_errors import KINDS, kinds_of
-from bridge_core.transports.can_ports import READS
+from bridge_core.transports.can_port import READS
 from stage.can_rig import CanBus, error_frame, frame, message, receive, wait_frames
 from stage.multicast_rig import in_network_namespace
 from stage.rig import Pty, wait_for

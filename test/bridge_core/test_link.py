@@ -13,9 +13,9 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.session import Level
-from bridge_core.transports import link, TransportError, wire
+from bridge_core.transports import bridge, link, TransportError, wire
+from bridge_core.transports.bridge import INPUT_LIMIT
 from bridge_core.transports.link import ANSWER_TIME, ThreadLink
-from bridge_core.transports.wire import INPUT_LIMIT
 from stage.link_rig import Bench, fails, FakeTransport, fault, PACE, wait_at
 from stage.rig import holds_for, wait_for
 from stage.run_delay import RunDelay
@@ -302,7 +302,7 @@ def test_request_that_waited_for_long_is_refused_unless_it_is_a_stop(
     seen: list[float] = []
     bench.do(wait_at(hold, begun=begun), 'hold')
     assert begun.wait(2.0)
-    monkeypatch.setattr(link, 'REQUEST_LIMIT', wire.REQUEST_LIMIT)
+    monkeypatch.setattr(link, 'REQUEST_LIMIT', bridge.REQUEST_LIMIT)
     asked = time.monotonic()
     number = bench.do(seen.append, 'late', stop=stop)
     wait_for(lambda: time.monotonic() > asked + 0.25, what='its age')

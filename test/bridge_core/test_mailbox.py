@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from bridge_core.transports import link, TransportError
+from bridge_core.transports.bridge import Request
 from bridge_core.transports.link import Link, Mailbox
-from bridge_core.transports.wire import Request
 from stage.rig import wait_for
 
 

@@ -38,8 +38,8 @@ from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Answer, Level, StopChanged, Verdict
 from bridge_core.transports import process, TransportError, wire_process
+from bridge_core.transports.bridge import Request
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import Node
 from stage import gated_wire
 from stage.endings import each_ending, first_of

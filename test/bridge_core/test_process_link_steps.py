@@ -20,8 +20,8 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Stage
 from bridge_core.transports import process
+from bridge_core.transports.bridge import Request
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
 from bridge_core.transports.wire_process import receive
 from stage.link_rig import FakeOwner
 from stage.process_rig import LinkBench

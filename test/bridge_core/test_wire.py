@@ -11,9 +11,9 @@ import pytest
 
 from bridge_core.report import Report
 from bridge_core.session import Level, Verdict
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.tap import Chunk, Tap, tap_pair
-from bridge_core.transports.wire import Bridge
 from stage.link_rig import fails, fault, PACE
 from stage.wire_rig import WireBench
 
@@ -1094,7 +1094,7 @@ def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(bench: Wir
     assert bench.port.sent == [b'hello', b'bye 1', b'bye 2']
     assert bench.session.calls[-2:] == ['farewell', 'closed']
     assert not bench.port.is_open
-    assert bench.wire._wake.fileno() == bench.wire._woken.fileno() == -1
+    assert bench.wire._opener.fileno() == -1
     assert 'interrupted' not in bench.session.calls
     assert not any('internal error' in line for line in bench.owner.log)
 

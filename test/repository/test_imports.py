@@ -347,7 +347,7 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
         ('new_bridge.convert', 'from sensor_msgs.msg import Joy'),
         ('new_bridge.parameters', 'from bridge_core.parameters import Parameter'),
         ('new_bridge.wire', 'from new_bridge.session import Session'),
-        ('new_bridge.wire', 'from bridge_core.transports.wire import Bridge'),
+        ('new_bridge.wire', 'from bridge_core.transports.bridge import Bridge'),
         ('new_bridge.node', 'import rclpy\nimport time\nfrom new_bridge import session'),
         ('new_bridge.simulator', 'from bridge_core.framing import StreamParser'),
         ('new_bridge.config.menus', 'from new_bridge.config.image import Image'),
