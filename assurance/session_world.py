@@ -151,7 +151,11 @@ class SessionWorld(Remembered, Generic[SessionT]):
     # -- what all judge by ------------------------------------------------------------------------
 
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
-        """Take what a call returned; every change of the verdict is an event, and no more are."""
+        """
+        Take what a call returned: every change of the verdict is an event, and no more are.
+
+        All frames go out; a world whose line is busy passes on those that it takes.
+        """
         events, frames = output
         for event in events:
             if isinstance(event, StopChanged):
@@ -160,6 +164,8 @@ class SessionWorld(Remembered, Generic[SessionT]):
         assert self.verdict == self.session.verdict, 'a change of the verdict without an event'
         self.events += events
         self.frames += frames
+        for frame in frames:
+            self.session.sent(frame, self.now)
 
     def vouched(self, limit: float) -> bool:
         """Tell whether the device was heard as lately as it must be, and nothing was missed."""

@@ -100,6 +100,7 @@ class Party:
             if self.busy:
                 self.session.refused(frame, now)
             else:
+                self.session.sent(frame, now)
                 self.device.receive(frame, now)
         if events:
             self.tell(now)
