@@ -70,7 +70,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/lane.py': ('lane',),
-    'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
+    'bridge_core/transports/link.py': ('link', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
     'bridge_core/supervisor.py': _PROCESSES,
     'bridge_core/transports/child.py': _PROCESSES,

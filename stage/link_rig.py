@@ -113,7 +113,7 @@ class FakeSession(Session[Any, bytes, str]):
         self.due = math.inf
         self.wanted: list[bytes] = []
         self.stop = False
-        self.told_refused: list[tuple[bytes, float]] = []
+        self.told_sent: list[tuple[bytes, float]] = []
         self._pending: list[Any] = []
 
     def _call(self, name: str) -> None:
@@ -159,8 +159,8 @@ class FakeSession(Session[Any, bytes, str]):
         events, self._pending = self._pending, []
         return events, frames
 
-    def refused(self, frame: bytes, now: float) -> None:
-        self.told_refused.append((frame, now))
+    def sent(self, frame: bytes, now: float) -> None:
+        self.told_sent.append((frame, now))
 
     def deadline(self) -> float:
         if 'deadline' in self.faults:
