@@ -57,7 +57,9 @@ _AKRON = (
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
-_PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'exploration'))
+_PROCESSES = (
+    *('process_link_steps', 'process_link_starts', 'wire_process', 'process_link_exploration'),
+)
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
