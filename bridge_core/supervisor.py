@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import takewhile
 import math
-from typing import Generic, Protocol, TypeVar
 
 from bridge_core.session import Verdict
+from bridge_core.transports.request import Activate, Deactivate, Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,22 +206,7 @@ class Supervisor:
         return self._times.silence, self._times.take_over if begins else self._times.kill
 
 
-class Command(Protocol):
-    """A request to activate or deactivate the wire."""
-
-    @property
-    def number(self) -> int:
-        """Its end is told by it."""
-
-    @property
-    def name(self) -> str:
-        """``activate`` or ``deactivate``."""
-
-
-CommandT = TypeVar('CommandT', bound=Command)
-
-
-class Orders(Generic[CommandT]):
+class Orders:
     """
     What was asked of a wire and is not over: commands, and the activation that they left in force.
 
@@ -229,9 +214,9 @@ class Orders(Generic[CommandT]):
     """
 
     def __init__(self) -> None:
-        self._open: dict[int, CommandT] = {}  # not ended yet, in the order in which they were sent
-        self._activation: CommandT | None = None  # in force, or asked for
-        self._before: CommandT | None = None  # in force where that one is refused
+        self._open: dict[int, Request] = {}  # not ended yet, in the order in which they were sent
+        self._activation: Request | None = None  # in force, or asked for
+        self._before: Request | None = None  # in force where that one is refused
 
     @property
     def moves(self) -> bool:
@@ -241,11 +226,11 @@ class Orders(Generic[CommandT]):
     @property
     def closes(self) -> bool:
         """Tell whether the wire may be at closing its port."""
-        return any(each.name == 'deactivate' for each in self._open.values())
+        return any(isinstance(each.what, Deactivate) for each in self._open.values())
 
-    def give(self, command: CommandT) -> None:
+    def give(self, command: Request) -> None:
         """Note a command."""
-        if command.name == 'activate':
+        if isinstance(command.what, Activate):
             if self._activation is None or self._activation.number not in self._open:
                 self._before = self._activation
             self._activation = command
@@ -265,11 +250,11 @@ class Orders(Generic[CommandT]):
             self._settle(self._open.pop(each, None), failure)
         return ended
 
-    def _settle(self, command: CommandT | None, error: str) -> None:
+    def _settle(self, command: Request | None, error: str) -> None:
         newest = self._activation
         if command is None:
             pass
-        elif command.name == 'deactivate':
+        elif isinstance(command.what, Deactivate):
             self._before = None
             if newest is not None and newest.number <= command.number:
                 self._activation = None  # not before: the next one may have to say farewell
@@ -278,7 +263,7 @@ class Orders(Generic[CommandT]):
         elif command is newest:
             self._activation = self._before  # it goes on
 
-    def all(self) -> list[CommandT]:
+    def all(self) -> list[Request]:
         """Return what a wire has to be told that takes over, the activation in force first."""
         activation = self._activation
         if activation is not None and activation.number in self._open:

@@ -21,9 +21,9 @@ import pytest
 from bridge_core import clock
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import process
-from bridge_core.transports.bridge import Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from bridge_core.transports.wire_process import Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner
@@ -101,15 +101,15 @@ class StepBench:
     def command(self, number: int, name: str, told: list[int]) -> None:
         """Give the wire a command, whose number is in ``told`` once its end is."""
         self.link._waiting[number] = lambda error: told.append(number)
-        arguments: tuple[Any, ...] = ({'number': number}, False) if name == 'activate' else ()
-        self.link._put(Request(number, name, name, arguments, self.now, stop=True), True)
+        what = Activate({'number': number}) if name == 'activate' else Deactivate()
+        self.link._put(Request(number, name, what, self.now, stop=True), True)
 
-    def deactivate(self) -> list[str]:
+    def deactivate(self) -> list[Deactivate]:
         """Deactivate, as if the link had its thread; return what the node waits for."""
-        sent: list[str] = []
+        sent: list[Deactivate] = []
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(self.link, '_thread', SimpleNamespace(is_alive=lambda: True))
-            patch.setattr(self.link, '_command', lambda timeout, name: sent.append(name))
+            patch.setattr(self.link, '_command', lambda timeout, command: sent.append(command))
             self.link.deactivate()
         return sent
 
@@ -170,7 +170,7 @@ class LinkBench(StepBench):
     def fill(self) -> None:
         """Send requests until none fits any more."""
         self.ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
-        while self.link.request('ping'):
+        while self.link.request(Call('ping')):
             pass
 
     def replace(self) -> list[str]:
@@ -185,7 +185,7 @@ class LinkBench(StepBench):
             self.ours.close()
             told = iter(lambda: theirs.recv(1 << 16), b'')
             self.told = [Request(*pickle.loads(data)) for data in told]
-        return [f'{request.number} {request.name}' for request in self.told]
+        return [f'{each.number} {type(each.what).__name__.lower()}' for each in self.told]
 
 
 class Started(FakeProcess):
@@ -216,7 +216,8 @@ class Started(FakeProcess):
         """Return the words that it was told, up to the end if that is there."""
         words = []
         while data := receive(self.node._socket):
-            words.append('turn' if data == TURN else pickle.loads(data)[2])
+            what = 'turn' if data == TURN else type(pickle.loads(data)[2]).__name__
+            words.append(what.lower())
         return words if data is None else [*words, 'end']
 
 

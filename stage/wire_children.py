@@ -13,7 +13,7 @@ from typing import Any
 
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire_process
-from bridge_core.transports.bridge import COMMANDS, Request
+from bridge_core.transports.request import Activate, Request
 from bridge_core.transports.wire_process import Node, TURN
 
 STEP = 0.125  # s
@@ -185,8 +185,8 @@ class Process:
             self.node.link_changed('unplugged', False)
 
     def serve(self, request: Request) -> None:
-        if request.name in COMMANDS:
-            wanted = request.arguments[0]['to'] if request.arguments else ''
+        if request.is_command:
+            wanted = request.what.values['to'] if isinstance(request.what, Activate) else ''
             if wanted is not None:
                 self.leave()
                 self.active = wanted

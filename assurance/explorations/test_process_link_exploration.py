@@ -20,9 +20,9 @@ from assurance.explorer import Memory, Remembered, START, visits_of
 from bridge_core.session import StopChanged
 from bridge_core.supervisor import Stage, Times
 from bridge_core.transports import process, wire_process
-from bridge_core.transports.bridge import Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from bridge_core.transports.wire_process import TURN
 from stage.toy_wire import BRIDGE
 from stage.wire_children import Process, ROOM, STEP, Values
@@ -78,6 +78,17 @@ class Link(ProcessLink):
         made: Any = Process(self.world, self.world.child('wire'))
         self.world.children.append(made)
         return Child(made, made.ours)
+
+
+def packed(message: Any) -> Any:
+    """Return a message as it goes over: nothing of it changes any more."""
+    if isinstance(message, Activate):
+        return Activate(Values(message.values['to']))  # type: ignore[arg-type]
+    return tuple(map(packed, message)) if type(message) is tuple else message
+
+
+def name_of(request: Request) -> str:
+    return type(request.what).__name__.lower()
 
 
 class World(Remembered):
@@ -164,7 +175,7 @@ class World(Remembered):
             child = self.child(who)
             if child is not None and (what == 'dies' or child.frozen == (what == 'thaws')):
                 yield f'{who} {what}'
-        waiting = [each.name for each in self.link._orders._open.values()]
+        waiting = [name_of(each) for each in self.link._orders._open.values()]
         if len(waiting) < OUTSTANDING:  # a node that got no answer deactivates first
             yield from (each for each in self.commands if waiting[-1:] != [each.split()[0]])
         for name, words in self.words.items():
@@ -180,7 +191,7 @@ class World(Remembered):
         calm = event in ('', 'stall', 'halt') and not self.stopped and self.in_order()
         both: dict[str, Any] = {
             'clock': SimpleNamespace(now=lambda: self.now),
-            'pickle': SimpleNamespace(dumps=lambda it: it, loads=lambda it: it),
+            'pickle': SimpleNamespace(dumps=packed, loads=lambda it: it),
         }
         ours: dict[str, Any] = {
             'ready': self.ready,
@@ -209,11 +220,10 @@ class World(Remembered):
         if event in COMMANDS:
             wanted = COMMANDS[event]
             self.wanted = self.wanted if wanted is None else wanted
-            arguments: tuple[Any, ...] = () if wanted == '' else (Values(wanted), False)
-            self.put(who, arguments)
+            self.put(Deactivate() if wanted == '' else Activate(Values(wanted)))  # type: ignore[arg-type]
         elif event == 'ask':
             for _ in range(ROOM + 1):
-                self.put('anything', ())
+                self.put(Call('anything'))
         elif event in ('end', 'crash', 'crash both'):
             self.leave(event)
             return
@@ -232,9 +242,9 @@ class World(Remembered):
             self.link._guarded_step()
         raise AssertionError('it turns and turns')
 
-    def put(self, name: str, arguments: tuple[Any, ...]) -> None:
+    def put(self, what: Call | Activate | Deactivate) -> None:
         number = 1 + max((0, *self.numbers()))
-        self.link._put(Request(number, name, name, arguments, 0.0, stop=True), True)
+        self.link._put(Request(number, '', what, 0.0, stop=True), True)
 
     def ready(self, readers: Sequence[int], timeout: float) -> list[int]:
         """Sleep as the link's thread would, until the end of this step at most."""
@@ -351,7 +361,7 @@ class World(Remembered):
         turns = [each.turn or TURN in each.theirs.queue for each in self.children]
         assert sum(turns) <= 1, 'two wires at once'
         wire = self.child('wire')
-        closes = any(each.name == 'deactivate' for each in self.link._orders._open.values())
+        closes = any(name_of(each) == 'deactivate' for each in self.link._orders._open.values())
         if not self.stopped:
             assert wire is not None, 'the wire is gone, and that is no stop'
             assert wire.silent < 2 + closes, 'the wire is silent, and that is no stop'

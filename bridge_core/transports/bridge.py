@@ -1,21 +1,18 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a wire is made of (Bridge), is asked (Request, Requests) and tells (Owner)."""
+"""What a wire is made of (Bridge), where its requests come from, and whom it tells (Owner)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Protocol
+from typing import Any, Generic, Protocol
 
 from bridge_core.report import Report
 from bridge_core.session import Session
 from bridge_core.transports import FrameT, Transport
-
-REQUEST_LIMIT = 0.2  # s that a request may wait for its wire
-INPUT_LIMIT = 0.03  # s, from the middleware to the wire, of what must be fresh to count
-COMMANDS = ('activate', 'deactivate')
+from bridge_core.transports.request import Request
 
 
 @dataclass(frozen=True)
@@ -46,29 +43,6 @@ class Bridge(Generic[FrameT]):
         self.make_session(values)
         if self.check_port is not None:
             self.check_port(values)
-
-
-class Request(NamedTuple):
-    """
-    One thing that is asked of a wire.
-
-    :param number: of the request, by which its end is told.
-    :param key: what it is about, in the words of the topics.
-    :param name: a method of the session that takes ``*arguments, now``, or one of COMMANDS.
-    :param at: when it was asked, by ``clock.now``, which all processes share.
-    :param limit: the age in s from which on it does not count any more.
-    :param stop: it counts however old it is.
-    :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
-    """
-
-    number: int
-    key: str
-    name: str
-    arguments: tuple[Any, ...]
-    at: float
-    limit: float = REQUEST_LIMIT
-    stop: bool = False
-    waits: bool = False
 
 
 class Requests(Protocol):

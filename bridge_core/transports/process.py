@@ -30,9 +30,9 @@ from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Orders, Stage, Supervisor, Times
-from bridge_core.transports.bridge import COMMANDS, Request
 from bridge_core.transports.child import Child
 from bridge_core.transports.link import ANSWER_TIME, Link
+from bridge_core.transports.request import Activate, Request
 from bridge_core.transports.wire_process import ENDING, InForce, TURN
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -60,7 +60,7 @@ class ProcessLink(Link):
         self._state = Supervisor(self.TIMES, self._reconnect_period)
         self._lock = threading.Lock()  # of the next four
         self._wire: Child | None = None
-        self._orders: Orders[Request] = Orders()
+        self._orders = Orders()
         self._unsent: list[tuple[Request, str]] = []  # to be refused, and why
         self._in_force = InForce()  # what the wire has to be told, or ended for it
         self._spare: Child | None = None
@@ -76,7 +76,7 @@ class ProcessLink(Link):
     def _put(self, request: Request, each: bool) -> bool:
         del each  # none replaces another: all are sent
         with self._lock:
-            if request.name in COMMANDS:
+            if request.is_command:
                 self._orders.give(request)
                 self._keep()
             why = self._send(request)
@@ -95,7 +95,7 @@ class ProcessLink(Link):
 
     def _send(self, request: Request) -> str:
         """Send it, if that is possible; return why not."""
-        if self._wire is None or not (self._state.has_loaded or request.name in COMMANDS):
+        if self._wire is None or not (self._state.has_loaded or request.is_command):
             # Commands wait. All else would fill the socket of a process that loads, which ended at
             # the first stop too many, and so would the next. It begins stopped without them.
             return _NOTHING_TAKEN
@@ -114,10 +114,10 @@ class ProcessLink(Link):
         """Return the orders for a wire that takes over: it has to know what was done before it."""
         orders = self._orders.all()
         for n, order in enumerate(orders):
-            if order.name == 'activate':
-                values, resting = order.arguments
+            if isinstance(order.what, Activate):
+                values, resting = order.what
                 known = self._owner.carried_over(values)  # of its port, maybe not that of now
-                orders[n] = order._replace(arguments=({**values, **known}, resting))
+                orders[n] = order._replace(what=Activate({**values, **known}, resting))
         return orders
 
     def _keep(self) -> None:

@@ -24,8 +24,9 @@ from bridge_core.framing import Counters
 from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
-from bridge_core.transports.bridge import Bridge, COMMANDS, Owner, Request, Requests
+from bridge_core.transports.bridge import Bridge, Owner, Requests
 from bridge_core.transports.opener import Opener
+from bridge_core.transports.request import Activate, Call, Request
 from bridge_core.transports.tap import Tap
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -192,23 +193,29 @@ class Wire(Generic[FrameT]):
             return []
 
     def _serve(self, request: Request, now: float) -> None:
-        if request.name in COMMANDS:
-            error = 'it failed'
-            try:
-                getattr(self, f'_{request.name}')(*request.arguments, now)
-                error = ''
-            except ValueError as failure:
-                error = str(failure)
-            finally:
-                self._requests.done(request.number, error)
+        if isinstance(request.what, Call):
+            self._serve_call(request.what, request, now)
             return
-        refusal = self._ask(request, now)
+        error = 'it failed'
+        try:
+            if isinstance(request.what, Activate):
+                self._activate(request.what, now)
+            else:
+                self._deactivate(now)
+            error = ''
+        except ValueError as failure:
+            error = str(failure)
+        finally:
+            self._requests.done(request.number, error)
+
+    def _serve_call(self, call: Call, request: Request, now: float) -> None:
+        refusal = self._ask(call, request, now)
         if self.status.is_open:  # even then: a refused command may be a stop
             self._exchange(False, now)
         if refusal:
             self._owner.on_refused(request.number, request.key, refusal)
 
-    def _ask(self, request: Request, now: float) -> str:
+    def _ask(self, call: Call, request: Request, now: float) -> str:
         """Have the session do it; return why it refuses."""
         if self._session is None or self._resting:
             return 'the node is not active'
@@ -218,13 +225,13 @@ class Wire(Generic[FrameT]):
         if request.waits and not self.status.is_open:
             return self.status.error
         try:
-            getattr(self._session, request.name)(*request.arguments, now)
+            call.on(self._session, now)
         except ValueError as error:
             return str(error)
         return ''
 
-    def _activate(self, values: dict[str, Any], resting: bool, now: float) -> None:
-        """Open the port, now and whenever it was lost, and run a new session on it."""
+    def _activate(self, wanted: Activate, now: float) -> None:
+        values, resting = wanted
         make = self._bridge.make_resting_session if resting else self._bridge.make_session
         assert make is not None
         session, transport = make(values), self._bridge.make_transport(values)

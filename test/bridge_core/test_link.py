@@ -12,6 +12,7 @@ import pytest
 
 from bridge_core.transports import link, TransportError
 from bridge_core.transports.link import ANSWER_TIME, ThreadLink
+from bridge_core.transports.request import Call
 from stage.link_rig import Bench, fails, PACE, wait_at
 from stage.rig import wait_for
 
@@ -27,12 +28,14 @@ def test_wire_that_does_not_answer_leaves_the_process_its_second_to_end() -> Non
 
 def test_request_is_no_stop_and_the_newest_of_its_key_unless_it_says_so(bench: Bench) -> None:
     link = ThreadLink('link', bench.bridge, bench.owner)  # without a thread that takes them
-    link.request('do', 'early')
-    link.request('do', 'kept', each=True)
-    link.request('do', 'late')
-    link.request('do', 'first', key='other', stop=True)
+    link.request(Call('do', ('early',)))
+    link.request(Call('do', ('kept',)), each=True)
+    link.request(Call('do', ('late',)))
+    link.request(Call('do', ('first',)), key='other', stop=True)
     taken = link._mailbox.take()
-    assert [request.arguments for request in taken] == [('first',), ('kept',), ('late',)]
+    assert [request.what for request in taken] == [
+        Call('do', (word,)) for word in ('first', 'kept', 'late')
+    ]
     assert [request.stop for request in taken] == [True, False, False]
     assert [request.key for request in taken] == ['other', 'do', 'do']
     link.stop()

@@ -31,6 +31,7 @@ from std_srvs.srv import Trigger
 
 from bridge_core.transports import process, TransportError
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 from stage import gated_wire
 from stage.endings import each_ending, first_of
 from stage.link_rig import FakeOwner
@@ -447,8 +448,8 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     wire = direct.wire()
     os.kill(wire, SIGSTOP)
     for _ in range(20000):
-        direct.link.request('request_stop', False)
-    direct.link.request('request_stop', True, stop=True)
+        direct.link.request(Call('request_stop', (False,)))
+    direct.link.request(Call('request_stop', (True,)), stop=True)
     # Either it is taken in, or there is no wire any more that could go on without it.
     wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
     direct.pty.wait_received(b'h')
@@ -477,14 +478,16 @@ def test_stops_kill_no_wire_that_loads(
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
-        assert not any(direct.link.request('request_stop', True, stop=True) for _ in range(5000))
-        pinged = direct.link.request('ping', waits=True)
+        assert not any(
+            direct.link.request(Call('request_stop', (True,)), stop=True) for _ in range(5000)
+        )
+        pinged = direct.link.request(Call('ping'), waits=True)
         refused = (pinged, 'ping', 'its wire takes nothing')
         wait_for(lambda: direct.owner.refused == [refused], 5.0, 'a refusal at once')
         gate.open('w').close()
         direct.activate()
         assert direct.wire() == loads
-        assert direct.link.request('request_stop', True, stop=True)
+        assert direct.link.request(Call('request_stop', (True,)), stop=True)
 
 
 @each_ending

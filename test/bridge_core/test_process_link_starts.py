@@ -24,6 +24,7 @@ from typing import Any
 import pytest
 
 from bridge_core.transports import child
+from bridge_core.transports.request import Call
 from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
 from stage.rig import ROOT
@@ -223,7 +224,7 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
     wire.die()
     bench.step()
     bench.step()
-    assert bench.link.request('say', 'x' * 70000)
+    assert bench.link.request(Call('say', ('x' * 70000,)))
     bench.step()
     assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
 
@@ -300,7 +301,7 @@ def test_spare_says_the_farewell_for_a_moving_wire_that_does_not(
         assert (wire.waited, wire.kills) == ([0.2, None], 1)
         asked = 'activate' if moving == 'activation in force' else 'deactivate'
         assert spare.told() == ['turn', asked, 'end']
-        assert bench.link.request('request_stop', True, stop=True) == 0
+        assert bench.link.request(Call('request_stop', (True,)), stop=True) == 0
         assert (spare.waited, spare.kills) == ([], 0)
 
 
@@ -387,7 +388,7 @@ def test_stop_ends_the_thread_and_closes_its_descriptors_once(
     bench.link.stop()
     bench.link.stop()
     assert closed == opened
-    assert bench.link.request('ping') == 0
+    assert bench.link.request(Call('ping')) == 0
 
 
 def test_stop_from_the_thread_itself_leaves_it_its_descriptor(

@@ -20,8 +20,8 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Stage
 from bridge_core.transports import process
-from bridge_core.transports.bridge import Request
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from stage.link_rig import FakeOwner
 from stage.process_rig import LinkBench
 from stage.toy_wire import BRIDGE
@@ -177,7 +177,7 @@ def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> N
     bench.run()
     bench.say('first')
     bench.say('last')
-    assert bench.link.request('anything')
+    assert bench.link.request(Call('anything'))
     bench.wire._socket.close()
     bench.step()
     heard = [line for line in bench.owner.log if line in ('event first', 'event last', 'lost')]
@@ -224,9 +224,8 @@ def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by
     bench.command(3, 'activate', told)
     bench.owner.carried = {'sent': 2}
     assert bench.replace() == ['1 activate', '2 deactivate', '3 activate']
-    arguments = [request.arguments for request in bench.told]
-    first, last = ({'number': number, 'sent': 2, 'to': number} for number in (1, 3))
-    assert arguments == [(first, False), (), (last, False)]
+    first, last = (Activate({'number': number, 'sent': 2, 'to': number}) for number in (1, 3))
+    assert [request.what for request in bench.told] == [first, Deactivate(), last]
 
 
 @pytest.mark.parametrize('ready', [True, False])
@@ -354,12 +353,12 @@ def test_request_that_is_too_long_is_refused_with_words_unless_it_is_a_stop(
     bench: LinkBench, size: int, stop: bool
 ) -> None:
     text = 'x' * 65000
-    request = Request(1, 'say', 'say', (text,), bench.now, stop=stop)
+    request = Request(1, 'say', Call('say', (text,)), bench.now, stop=stop)
     text += 'x' * (size - len(pickle.dumps(tuple(request))))
     refused = size > 1 << 16 and not stop
-    assert bench.link.request('say', text, stop=stop) == 1
+    assert bench.link.request(Call('say', (text,)), stop=stop) == 1
     bench.step()
-    assert [each.arguments for each in bench.wire.take()] == [(text,)] * (not refused)
+    assert [each.what for each in bench.wire.take()] == [Call('say', (text,))] * (not refused)
     words = [(1, 'say', 'it takes 65537 bytes; 65536 are allowed')]
     assert bench.owner.refused == words * refused
 
@@ -375,8 +374,8 @@ def test_request_that_no_wire_takes_is_refused_where_somebody_waits(
         bench.link._state.wire = Stage.LOADING
     else:
         bench.link._wire = None
-    assert bench.link.request('ping') == 0
-    number = bench.link.request('ping', key='press', waits=True)
+    assert bench.link.request(Call('ping')) == 0
+    number = bench.link.request(Call('ping'), key='press', waits=True)
     assert number
     began = bench.now
     bench.step()
@@ -390,7 +389,7 @@ def test_refusal_says_what_is_wrong_with_the_wire(bench: LinkBench) -> None:
     bench.run()
     bench.wire._socket.close()
     bench.step()
-    assert bench.link.request('ping', waits=True)
+    assert bench.link.request(Call('ping'), waits=True)
     bench.step()
     assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
 
@@ -398,7 +397,7 @@ def test_refusal_says_what_is_wrong_with_the_wire(bench: LinkBench) -> None:
 @pytest.mark.parametrize('stop', [False, True])
 def test_wire_that_does_not_take_a_stop_is_killed(bench: LinkBench, stop: bool) -> None:
     bench.fill()
-    assert bench.link.request('request_stop', True, stop=stop) == 0
+    assert bench.link.request(Call('request_stop', (True,)), stop=stop) == 0
     assert bench.child.kills == stop
 
 
@@ -430,14 +429,14 @@ def test_deactivation_of_what_is_not_active_ends(bench: LinkBench) -> None:
     ('asked', 'ended', 'waits'),
     [
         ([], [], []),
-        (['activate'], [], ['deactivate']),
-        (['activate'], [1], ['deactivate']),
-        (['deactivate'], [], ['deactivate']),
+        (['activate'], [], [Deactivate()]),
+        (['activate'], [1], [Deactivate()]),
+        (['deactivate'], [], [Deactivate()]),
         (['activate', 'deactivate'], [2], []),
     ],
 )
 def test_farewell_is_waited_for_where_there_may_be_one(
-    bench: LinkBench, asked: list[str], ended: list[int], waits: list[str]
+    bench: LinkBench, asked: list[str], ended: list[int], waits: list[Deactivate]
 ) -> None:
     for number, name in enumerate(asked, 1):
         bench.command(number, name, [])

@@ -15,6 +15,7 @@ from bridge_core.report import Report
 from bridge_core.session import Level, Verdict
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.request import Call
 from bridge_core.transports.tap import Chunk, Tap, tap_pair
 from stage.link_rig import fails, fault, PACE
 from stage.wire_rig import WireBench
@@ -410,7 +411,7 @@ def test_request_that_waited_for_longer_than_its_limit_counts_only_as_a_stop(
 def test_input_counts_for_less_time_than_other_requests() -> None:
     bridge: Bridge[Any] = Bridge('none', fault, fault)  # type: ignore[arg-type]
     link = ThreadLink('link', bridge, None)
-    link.request('drive', received_at=7.0)
+    link.request(Call('drive'), received_at=7.0)
     (request,) = link._mailbox.take()
     link.stop()
     assert (request.at, request.limit) == (7.0, 0.03)

@@ -25,7 +25,7 @@ from bridge_core import clock, realtime
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports import wire_process
-from bridge_core.transports.bridge import Request
+from bridge_core.transports.request import Activate, Call, Request
 from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.toy_wire import BRIDGE
@@ -233,7 +233,7 @@ class Ends:
         return [pickle.loads(each or b'')[0] for each in said]
 
     def ask(self, number: int) -> Request:
-        asked = Request(number, 'estop', 'set_estop', (True,), 1.0, stop=True)
+        asked = Request(number, 'estop', Call('set_estop', (True,)), 1.0, stop=True)
         self.theirs.send(pickle.dumps(tuple(asked)))
         return asked
 
@@ -329,7 +329,7 @@ def test_what_is_in_force_is_read_by_whoever_has_the_memory_until_it_is_cleared(
     spare = InForce(os.dup(ours.fileno()))
     assert spare.read() == []
     for number in (1, 2, 3):
-        command = Request(number, 'activate', 'activate', ({}, False), 1.0, stop=True)
+        command = Request(number, '', Activate({}), 1.0, stop=True)
         ours.keep([command])
         assert spare.read() == [command]
     ours.keep([])

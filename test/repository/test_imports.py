@@ -44,7 +44,7 @@ CORE = (
 LOGIC = (
     *('{bridge}.protocol', '{bridge}.parameters', 'OTHER'),
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
-    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939'),
+    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939', 'bridge_core.gate'),
 )
 BRIDGE = {
     '__init__': ('{bridge}.protocol',),
@@ -53,9 +53,11 @@ BRIDGE = {
         *('bridge_core.packets', 'bridge_core.j1939'),
     ),
     'session': LOGIC,
-    'arbiter': LOGIC,
+    'arbiter': (*LOGIC, '{bridge}.explanation'),
     'mapping': LOGIC,
     'limits': LOGIC,
+    # What the arbiter's state is in words.
+    'explanation': (*LOGIC, '{bridge}.arbiter'),
     'report': (*LOGIC, 'bridge_core.report'),
     'convert': (
         *('{bridge}.protocol', 'OTHER'),
@@ -94,7 +96,7 @@ BRIDGE = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
-    'supervisor': ('bridge_core.session',),
+    'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
@@ -218,7 +220,7 @@ def matches(entry: str, bridge: str, name: str) -> bool:
 
 
 def is_pure(name: str) -> bool:
-    return name.split('.')[0] in STDLIB - IMPURE
+    return name.split('.')[0] in STDLIB - IMPURE or within(name, 'typing_extensions')
 
 
 def is_part(name: str, which: str) -> bool:
