@@ -75,6 +75,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
+    'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
     'bridge_core/supervisor.py': _PROCESSES,
