@@ -33,8 +33,8 @@ GENERAL = (
     Parameter(
         'rate',
         100.0,
-        'How often the mux decides and repeats its outputs; a stop is passed on at once besides. '
-        "The drive's command_timeout should be several periods.",
+        "How often the mux decides and repeats its outputs. A stop goes out at once. The drive's "
+        'command_timeout should be several periods.',
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -44,8 +44,8 @@ GENERAL = (
     Parameter(
         'heartbeat_rate',
         33.0,
-        'How often ~/estop and ~/enable are repeated without a change; with a decision, so '
-        "at most at rate. The drive's command_timeout should be three periods or more.",
+        "How often ~/estop and ~/enable are repeated, at most at rate. The drive's "
+        'command_timeout should be three periods or more.',
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -54,31 +54,30 @@ GENERAL = (
     Parameter(
         'output',
         'joints',
-        'joints: ~/command, for drives. twist, twist_stamped: ~/cmd_vel, for a base controller; '
-        'then joints is [linear, angular], in m/s forward and rad/s to the left, interface is '
-        'velocity and mixing none; max, acceleration, deceleration and scale have no default.',
+        'joints: ~/command, for drives. Else ~/cmd_vel, for a base controller: joints is '
+        '[linear, angular], m/s forward and rad/s to the left, mixing none; limits and scale have '
+        'no default.',
         choices=('joints', 'twist', 'twist_stamped'),
         fixed=True,
     ),
     Parameter(
         'frame_id',
         'base_link',
-        'frame_id of ~/cmd_vel, where output is twist_stamped; else refused.',
+        'frame_id of ~/cmd_vel, where output is twist_stamped.',
         fixed=True,
     ),
     Parameter(
         'interface',
         'velocity',
-        'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '
-        'is not offered, as 0 would be a place and going there motion. effort has no defaults of '
-        'max, acceleration, deceleration and scale.',
+        'The field of ~/command: velocity (rad/s) or effort (N·m). Limits and scale have no '
+        'default for effort.',
         choices=('velocity', 'effort'),
         fixed=True,
     ),
     Parameter(
         'status_rate',
         10.0,
-        'How often ~/status is repeated; a change of state is published at once besides.',
+        'How often ~/status is repeated. A change of state is published at once.',
         unit='Hz',
         minimum=1.0,
         maximum=100.0,
@@ -88,16 +87,14 @@ GENERAL = (
         'drive_enabled_topic',
         'esi_drive_bridge/enabled',
         'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once it was heard, '
-        'the command is 0 while it does not say so, and then ramps from rest. Empty: there is no '
-        'such topic.',
+        'the command is 0 while it does not say so. Empty: there is none.',
         check=check_topic,
         fixed=True,
     ),
     _seconds(
         'drive_enabled_timeout',
         0.25,
-        'A drive that has not said for longer that it is enabled is taken for one that is not. '
-        'Three of its periods or more.',
+        'A drive silent for longer counts as not enabled. Three of its periods or more.',
     ),
     _seconds(
         'clear_time',
@@ -109,43 +106,42 @@ GENERAL = (
     _seconds(
         'neutral_time',
         0.3,
-        'How long an operator must send neutral, deadman released, before the deadman counts. '
-        'Three periods of rate or more, and no operator has a longer timeout.',
+        'How long an operator must send neutral before the deadman counts. Three periods of rate '
+        'or more; no operator has a longer timeout.',
     ),
     _seconds(
         'hold_time',
         0.5,
-        'After a change of owner no operator takes over from another for this long. Stops, '
-        'releases and taking over from autonomy do not wait.',
+        'After a change of owner no operator takes over from another for this long.',
         minimum=0.0,
     ),
     _seconds(
         'stall_limit',
         0.1,
-        'A longer gap between two decisions means that this process was frozen: it stops and '
-        'forgets what it heard. Longer than one period of rate.',
+        'After a longer gap between two decisions the mux stops and forgets what it heard. Longer '
+        'than one period of rate.',
         minimum=0.02,
         maximum=1.0,
     ),
     _seconds(
         'stop_time',
         0.5,
-        'A stop of category 1 has reached 0 and disables after this time. With feedback, joints '
-        'that do not stand this long after control has ended are a stop of all devices.',
+        'A stop of category 1 disables after this time. With feedback, joints that do not stand '
+        'this long after control are a stop of all devices.',
     ),
     _seconds(
         'reset_silence',
         5.0,
-        'Who calls ~/reset while there is nothing to reset, such as a script that does so for '
-        'ever, has to be silent for this long before a reset counts.',
+        'After a reset in vain, with nothing to reset, none counts until there was none for this '
+        'long.',
         minimum=0.0,
         maximum=60.0,
     ),
     Parameter(
         'reset_topic',
         '',
-        'Topic of a reset button, beside ~/reset: std_msgs/Bool, true while it is pressed, at '
-        '10 Hz or more. It counts once it is released after 0.1 to 2 s. Empty: there is none.',
+        'Topic of a reset button: std_msgs/Bool, true while it is pressed, at 10 Hz or more. '
+        'Empty: there is none.',
         check=check_topic,
         fixed=True,
         section='the reset button',
@@ -159,15 +155,15 @@ GENERAL = (
     Parameter(
         'feedback.topic',
         '',
-        'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints; '
-        'more joints are no harm). Empty: the joints are taken to do what they are told.',
+        'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints). '
+        'Empty: they are taken to do what they are told.',
         check=check_topic,
         section='what the joints really do',
     ),
     _seconds(
         'feedback.timeout',
         0.25,
-        'Feedback silent for longer is a stop while somebody has control, and nobody gets it.',
+        'Feedback silent for longer is a stop while somebody has control.',
     ),
     Parameter(
         'feedback.standstill',
@@ -196,8 +192,7 @@ GENERAL = (
     Parameter(
         'speed_limits',
         [''],
-        "Names of speed limits of the moment, such as a scanner's slow zone or a key switch; the "
-        'least of them scales what the owner demands of all joints.',
+        "Names of speed limits, such as a scanner's slow zone. The least scales all joints.",
         section='how fast, at this moment',
     ),
     Parameter(
@@ -217,8 +212,8 @@ GENERAL = (
     Parameter(
         'autonomy.type',
         'Twist',
-        'Message type of autonomy. Twist and TwistStamped need two joints, left and right; '
-        'JointState must name all joints.',
+        'Message type of autonomy. A twist needs two joints, left and right; a JointState names '
+        'all joints.',
         choices=('Twist', 'TwistStamped', 'JointState'),
         fixed=True,
     ),
@@ -245,8 +240,8 @@ JOINT = (
     Parameter(
         'max',
         10.0,
-        'Greatest absolute value that goes out. No operator has a larger scale; if autonomy asks '
-        'for more, all joints of the group are reduced by the same factor.',
+        'Greatest absolute value that goes out. A demand beyond it reduces all joints of the '
+        'group by the same factor.',
         'rad/s or N·m',
         above=0.0,
         maximum=MOST_OF_A_JOINT,
@@ -270,8 +265,7 @@ JOINT = (
     Parameter(
         'jerk',
         0.0,
-        'Greatest change of the acceleration, away from 0 only: it rises from 0 and falls to 0 '
-        'again at the demand. What slows down or stops is never later for it. 0: none.',
+        'Greatest change of the acceleration, away from 0 only. 0: no limit.',
         'rad/s³ or N·m/s²',
         minimum=0.0,
         maximum=1e9,
@@ -279,9 +273,8 @@ JOINT = (
     Parameter(
         'group',
         '',
-        'Joints with the same word are reduced by the same factor where one would exceed its max, '
-        'and their velocities grow together (unless one has a jerk), so that a curve stays. '
-        'Another word for what moves by itself, such as a mast, which would hold the others back.',
+        'Joints with the same word are reduced and grow together, so that a curve stays. Another '
+        'word for what moves by itself, such as a mast.',
     ),
 )
 
@@ -292,16 +285,15 @@ ESTOP = (
     Parameter(
         'enabled_topic',
         '',
-        'Of one of several drives: where it says that it is enabled; drive_enabled_topic is '
-        'empty then. All joints wait until each drive has said so, and stand once one does not.',
+        'As drive_enabled_topic, which is empty then, of one of several drives. All joints wait '
+        'for each of them.',
         check=check_topic,
     ),
     Parameter(
         'own_topic',
         '',
-        'Topic of what the source demands by itself, without the echo of our own stop, for '
-        '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo. Where '
-        'topic is of another node, the default is empty.',
+        'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
+        'topic. Where topic is of another node, the default is empty.',
         check=check_topic,
     ),
     _seconds(
@@ -310,7 +302,7 @@ ESTOP = (
     Parameter(
         'counts',
         'always',
-        'When this stop counts. when_owner: only while its operator has control, or asks for it.',
+        'when_owner: this stop counts only while its operator has control, or asks for it.',
         choices=('always', 'when_owner'),
     ),
     Parameter('operator', '', 'The operator that it belongs to; needed for when_owner.'),
@@ -406,8 +398,8 @@ OPERATOR = (
     Parameter(
         'require_moving_stamps',
         False,
-        'A stamp that is not set, or stays the same for timeout, loses the operator: its sender '
-        'repeats an old message. If false, one that stays the same is a warning.',
+        'A stamp that is not set, or stays the same for timeout, loses the operator. If false, '
+        'one that stays the same is a warning.',
     ),
 )
 

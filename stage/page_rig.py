@@ -75,7 +75,7 @@ ACTIVE = {
 
 
 def remedies() -> Remedies:
-    return Remedies((ROOT / 'docs' / 'safety_mux.md').read_text(encoding='utf-8'))
+    return Remedies((ROOT / 'docs' / 'inhibits.md').read_text(encoding='utf-8'))
 
 
 def model() -> Model:

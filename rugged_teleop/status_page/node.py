@@ -76,7 +76,7 @@ class StatusPage(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('status_page', **options)
-        page = shared('docs/safety_mux.md').read_text(encoding='utf-8')
+        page = shared('docs/inhibits.md').read_text(encoding='utf-8')
         self._model = Model(Remedies(page))  # of the lane's thread
         self._known: set[str] = set()
         self._callers: dict[str, Any] = {}  # by the name of their service
