@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge_core import clock, lane, node as bridge_node
+from bridge_core import clock, input_guard, lane
 from bridge_core.lane import _settle
 from bridge_core.watchdog import FreezeWatch
 from safety_mux import services
@@ -1017,7 +1017,7 @@ def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
     stepped.mux.asked.look()
-    stepped.run(services.LOOK_PERIOD + bridge_node._FREEZE - TICK)
+    stepped.run(services.LOOK_PERIOD + input_guard._FREEZE - TICK)
     assert reset_of(stepped.mux).startswith('reset: READY')
     stepped.mux.destroy_node()
 
