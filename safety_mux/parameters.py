@@ -4,16 +4,18 @@
 """
 The mux's parameters.
 
-Three parameters are lists of names: ``joints``, ``estop_sources``, ``operators``. Each name adds
-parameters of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace
-unless they begin with a slash.
+Some parameters are lists of names, such as ``joints`` and ``operators``. Each name adds parameters
+of its own, such as ``operator.<name>.topic``. Topics are relative to the mux's namespace unless
+they begin with a slash.
 """
 
 from collections.abc import Mapping
+import json
 import re
 from typing import Any
 
 from bridge_core.parameters import check_topic, Parameter, ParameterError, with_named
+from bridge_core.share import shared
 from safety_mux.protocol import MOST_OF_A_JOINT
 
 
@@ -28,6 +30,11 @@ _OF_WHEELS = re.compile(r'joint\.\w+\.(max|acceleration|deceleration)|operator\.
 _GEOMETRY = re.compile(r'autonomy\.wheel_(separation|radius)')
 _DECIDES = ('interface', 'output', 'autonomy.topic', 'autonomy.type')  # whether they count
 _EACH = 'One for all axes, or one an axis.'
+
+# The machine of which no parameter has to be given: one remote and one drive.
+DEFAULTS: dict[str, Any] = json.loads(
+    shared('config/default_machine.json').read_text(encoding='utf-8')
+)
 
 GENERAL = (
     Parameter(
@@ -85,7 +92,7 @@ GENERAL = (
     ),
     Parameter(
         'drive_enabled_topic',
-        'esi_drive_bridge/enabled',
+        DEFAULTS['drive_enabled_topic'],
         'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once it was heard, '
         'the command is 0 while it does not say so. Empty: there is none.',
         check=check_topic,
@@ -185,7 +192,7 @@ GENERAL = (
     _seconds('feedback.overspeed_time', 0.5, 'See overspeed_tolerance.'),
     Parameter(
         'estop_sources',
-        ['fort', 'drive'],
+        DEFAULTS['estop_sources'],
         'Names of the e-stop sources; one or more.',
         section='who can stop the machine',
     ),
@@ -197,7 +204,7 @@ GENERAL = (
     ),
     Parameter(
         'operators',
-        ['fort'],
+        DEFAULTS['operators'],
         "Names of the operators; [''] for none: then autonomy must be there.",
         section='who can drive',
     ),
@@ -351,7 +358,7 @@ OPERATOR = (
     Parameter(
         'axis',
         [0],
-        'Index in Joy of each axis, as mixing has them. Of a FORT remote 1 is left Y, 0 left X.',
+        "Index in Joy of each axis, as mixing has them: see the remote's page.",
         minimum=0,
         maximum=255,
     ),
@@ -379,8 +386,8 @@ OPERATOR = (
     Parameter(
         'deadman_buttons',
         [0],
-        'Indices in Joy of the buttons that must be held to move, all of them. Of a FORT remote 0 '
-        'is left pad, down.',
+        "Indices in Joy of the buttons that must be held to move, all of them: see the remote's "
+        'page.',
         minimum=0,
         maximum=255,
     ),
@@ -403,17 +410,6 @@ OPERATOR = (
     ),
 )
 
-# Defaults for the names in the default lists: a FORT remote and an ESI drive.
-DEFAULTS: dict[str, Any] = {
-    'estop.fort.topic': 'fort_vsc_bridge/estop',
-    'estop.fort.own_topic': 'fort_vsc_bridge/own_estop',
-    'estop.drive.topic': 'esi_drive_bridge/estop',
-    'operator.fort.topic': 'fort_vsc_bridge/joy',
-    'operator.fort.mixing': 'arcade',
-    'operator.fort.axis': [1, 0],
-    'operator.fort.scale': [10.0],
-}
-
 
 def enabled_topic(drive: str) -> str:
     """Return the parameter that has its topic. :param drive: an e-stop source; '': the one."""
@@ -429,9 +425,10 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
         ('operators', 'operator', OPERATOR),
     )
     defaults = dict(DEFAULTS)
-    topic, own = 'estop.fort.topic', 'estop.fort.own_topic'
-    if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:  # of another node
-        del defaults[own]
+    for own in [name for name in DEFAULTS if name.endswith('.own_topic')]:
+        topic = own.replace('own_topic', 'topic')
+        if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:
+            del defaults[own]  # it is of another node
     table = with_named(GENERAL, groups, given, defaults)
     _refuse_defaults({each.name: each for each in table}, given)
     return table
