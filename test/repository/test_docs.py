@@ -31,7 +31,6 @@ LONG_CELLS = {  # still to be shortened
     'docs/devices/fort_vsc.md',
     'docs/devices/ssc.md',
     'docs/devices/vm110.md',
-    'docs/safety_mux.md',
 }
 
 
