@@ -119,10 +119,10 @@ _NAMES_OF_TESTS = {
         *_VSC,
     ),
     'ssc_bridge/session': (
-        *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+        *('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
     ),
     'ssc_bridge/channels.py': (
-        *('ssc_channels', 'ssc_convert', 'ssc_outputs', 'ssc_session_outputs'),
+        *('ssc_channels', 'ssc_convert', 'ssc_session_outputs'),
         *('ssc_session_aux', 'session_settings'),
     ),
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
