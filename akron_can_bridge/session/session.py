@@ -258,7 +258,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: there is no fresh one any more."""
         self._expire(now)
-        self.drive.refuse_command(reason)
+        self.drive.refuse_command(reason, now)
         self._refresh(now)
 
     def set_estop(self, value: bool, now: float) -> None:
