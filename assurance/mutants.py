@@ -41,7 +41,9 @@ _MUX = tuple(f'safety_mux_{name}' for name in ('rules', 'motion', 'config', 'fee
 _ESI = tuple(
     f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_refused', '_chance')
 )
-_VSC = tuple(f'fort_vsc_{name}' for name in ('session', 'echo', 'heard', 'sent', 'held'))
+_VSC = tuple(
+    f'fort_vsc_{name}' for name in ('stories', 'session', 'echo', 'heard', 'sent', 'held')
+)
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
@@ -69,6 +71,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
+    'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
