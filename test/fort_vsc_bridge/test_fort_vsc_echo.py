@@ -93,34 +93,6 @@ def test_without_a_transition_time_it_is_its_own_stop_at_once() -> None:
     assert own(opened(transition_time=0.0), 5, 0)
 
 
-def test_user_bit_that_stood_before_we_asked_is_echo_from_then_on() -> None:
-    """It does not clear while we ask, and what makes us ask may wait for just that."""
-    bench = opened(software_estop_timeout=5.0)
-    assert own(bench, Mode.LOCAL, USER)
-    ask(bench, True)
-    assert not own(bench, Mode.LOCAL, USER)
-    ask(bench, False)
-    assert not own(bench, Mode.LOCAL, USER)
-    assert not own(bench, Mode.LOCAL, 0)
-    assert own(bench, Mode.LOCAL, USER)
-
-
-def test_echo_that_comes_late_after_a_short_request() -> None:
-    bench = opened(software_estop_timeout=5.0)
-    ask(bench, True)
-    ask(bench, False)
-    bench.hear(heartbeat())  # sent before the VSC took note
-    assert not own(bench, Mode.LOCAL, USER)
-
-
-def test_request_without_any_echo_is_forgotten() -> None:
-    bench = opened(software_estop_timeout=5.0)
-    ask(bench, True)
-    ask(bench, False)
-    bench.run(1.0, heartbeat())
-    assert own(bench, Mode.LOCAL, USER)
-
-
 def test_silent_link_is_an_own_demand_even_while_we_ask() -> None:
     bench = opened(software_estop_timeout=5.0)
     ask(bench, True)
@@ -143,16 +115,6 @@ def test_vsc_that_is_asked_to_stop_and_does_not_is_an_error() -> None:
     bench.hear(heartbeat())
     assert (Level.ERROR, DEAF) in bench.session.problems(bench.now)
     ask(bench, False)
-    assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
-
-
-def test_vsc_that_falls_silent_before_it_can_stop_is_not_said_to_disobey() -> None:
-    bench = opened(software_estop_timeout=5.0, link_timeout=5.0)
-    bench.run(6.0, heartbeat())
-    ask(bench, True)
-    bench.hear(heartbeat())
-    bench.wait(2.0 * OBEY_TIME)
-    assert bench.session.link_up
     assert (Level.ERROR, DEAF) not in bench.session.problems(bench.now)
 
 
@@ -237,15 +199,6 @@ def test_required_software_stop_is_asked_until_the_topic_is_heard() -> None:
     assert bench.sent[-1][1] == CLEAR
     bench.wait(0.25)
     assert bench.sent[-1][1] == STOP
-
-
-def test_required_software_stop_is_asked_again_after_a_lost_port_and_at_the_end() -> None:
-    bench = opened(require_software_estop=True)
-    bench.close()
-    bench.sent.clear()
-    bench.open()
-    assert bench.sent == [(100.0, STOP)]
-    assert bench.session.farewell(bench.now) == [STOP]
 
 
 def test_software_stop_that_is_expected_is_asked_from_the_first_heartbeat_on() -> None:
