@@ -54,7 +54,6 @@ class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
     HELD = 'sticks are 0'
-
     CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
     def __init__(self, settings: Settings) -> None:
@@ -102,13 +101,7 @@ class Session(BaseSession[Frame, Received, Event]):
     @property
     def mode(self) -> Mode | int | None:
         """The VSC's mode, a plain int if it is an unknown one; None without a fresh heartbeat."""
-        newest = self.heartbeat
-        return None if newest is None else newest.mode
-
-    @property
-    def software_estop_in_use(self) -> bool:
-        """Our heartbeat asks for a stop where ~/software_estop is silent."""
-        return self._stop.in_use
+        return self.heartbeat.mode if self.heartbeat else None
 
     @property
     def remote_connected(self) -> bool:
@@ -128,7 +121,10 @@ class Session(BaseSession[Frame, Received, Event]):
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return stops, broken controls, what does not come or is not set, and a low battery."""
         wire = self.settings.wire
-        problems = super().problems(now) + report.control_problems(self.faulty)
+        problems = super().problems(now)
+        if self.faulty:
+            text = f'have the remote repaired: it reports {", ".join(self.faulty)}'
+            problems.append((Level.ERROR, text))
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
         if self.link_up and now >= self._settled_at:
@@ -139,7 +135,11 @@ class Session(BaseSession[Frame, Received, Event]):
         problems += report.remote_problems(self.remote_status)
         problems += report.setting_problems(self.setting_states, self.settings.passed_over)
         if self.software_estop_refused:
-            problems.append((Level.ERROR, report.refused_software_estop(wire.NAME)))
+            text = (
+                f'wire that stop elsewhere: transport {wire.NAME} cannot carry software_estop, '
+                'but it comes, and the VSC does not stop'
+            )
+            problems.append((Level.ERROR, text))
         if not self._looped_back_lately.expired(now):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
@@ -159,7 +159,7 @@ class Session(BaseSession[Frame, Received, Event]):
         return {
             **report.heartbeat_values(self.heartbeat),
             'remote connected': self.remote_connected,
-            'software e-stop in use': self.software_estop_in_use,
+            'software e-stop in use': self._stop.in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,

@@ -634,7 +634,7 @@ def test_what_can_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -
     with pytest.raises(ValueError, match=words):
         ask(bench.session)
     assert not bench.session.estop
-    assert not bench.session.software_estop_in_use
+    assert not bench.session.values(bench.now)['software e-stop in use']
     bench.wait(1.0)
     assert bench.sent == []
 

@@ -251,7 +251,7 @@ def test_what_hid_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -
     with pytest.raises(ValueError, match=words):
         ask(bench.session)
     assert not bench.session.estop
-    assert not bench.session.software_estop_in_use
+    assert not bench.session.values(bench.now)['software e-stop in use']
     for _ in range(20):
         bench.wait(0.0625)
         bench.hear(ALL_OUT)

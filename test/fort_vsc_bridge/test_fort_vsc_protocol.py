@@ -26,6 +26,7 @@ from fort_vsc_bridge.protocol.messages import (
 from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.protocol.values import (
     AutonomyMode,
+    AXES,
     Axis,
     Button,
     BUTTON_NAMES,
@@ -157,7 +158,7 @@ UNAVAILABLE = Axis(None, InputState.UNAVAILABLE)
     ],
 )
 def test_axis_word(word: int, axis: Axis) -> None:
-    assert Axis.from_word(word) == axis
+    assert AXES[word] == axis
 
 
 def test_buttons_keep_error_and_unavailable_apart_from_released() -> None:
@@ -389,7 +390,7 @@ def test_sources_of_a_stop_in_words(bits: int, words: list[str]) -> None:
 )
 def test_axes_as_words_of_table_30(axis: Axis, word: int) -> None:
     assert axis.to_word() == word
-    assert Axis.from_word(word) == axis
+    assert AXES[word] == axis
 
 
 @pytest.mark.parametrize(('axes', 'buttons'), [(6, 7), (6, 9), (5, 8), (7, 8)])

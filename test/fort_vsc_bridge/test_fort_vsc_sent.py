@@ -80,7 +80,7 @@ def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
     bench.session.forget_software_estop(bench.now)
     bench.wait(1.0)
-    assert bench.session.software_estop_in_use is required
+    assert bench.session.values(bench.now)['software e-stop in use'] is required
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
 
 
