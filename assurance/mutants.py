@@ -71,6 +71,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
+    'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),

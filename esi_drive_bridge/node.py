@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
@@ -63,16 +64,16 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._axes = axes_of(values)
 
     def pace(self, now: float) -> float:
-        """Ask for statuses while somebody listens; repeat ~/enabled, behind the stop."""
+        """Ask for statuses while somebody listens."""
         listened = self._joint_states.get_subscription_count() > 0
         # As a stop: it counts however late it comes, or a listener would wait for ever.
         if listened != self._listened and self.request(Session.set_reporting, listened, stop=True):
             self._listened = listened
-        repeats = now >= self._repeat_at
-        due = super().pace(now)
-        if repeats:
-            self._say_enabled(self._is_enabled)
-        return due
+        return super().pace(now)
+
+    def on_repeat(self) -> None:
+        """Repeat ``~/enabled``."""
+        self._say_enabled(self._is_enabled)
 
     def _say_enabled(self, enabled: bool) -> None:
         # What came last of a wire may be lost: an inactive node has told the drive to disable.
