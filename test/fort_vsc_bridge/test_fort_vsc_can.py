@@ -266,15 +266,6 @@ def test_second_vsc_is_a_stop_until_three_seconds_after_it_was_heard() -> None:
     assert 3.0 <= bench.now - gone <= 4.0
 
 
-def test_joystick_frames_alone_are_no_link() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    events = bench.run(1.0, *ALL_STICKS)
-    assert bench.session.estop
-    assert 'compare can.heartbeat with the VSC' in bench.session.stop_reasons(bench.now)[0]
-    assert sticks(events)[-1] == NEUTRAL
-
-
 # Sticks.
 
 
@@ -512,13 +503,6 @@ def test_other_identifiers_are_obeyed_and_the_delivered_ones_not_any_more() -> N
 # -- what is sent ---------------------------------------------------------------------------------
 
 
-def test_nothing_is_sent_that_nobody_asked_for() -> None:
-    bench = opened()
-    bench.run(5.0, heartbeat(), *ALL_STICKS)
-    assert bench.sent == []
-    assert bench.session.farewell(bench.now) == []
-
-
 def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None:
     bench = opened()
     vsc = CanSimulator()
@@ -637,16 +621,6 @@ def test_what_can_cannot_do_is_refused_and_sends_nothing(ask: Any, words: str) -
     assert not bench.session.values(bench.now)['software e-stop in use']
     bench.wait(1.0)
     assert bench.sent == []
-
-
-def test_refused_software_estop_is_remembered_for_whoever_looks() -> None:
-    bench = opened()
-    assert not bench.session.software_estop_refused
-    with pytest.raises(ValueError, match=r'transport can'):
-        bench.session.set_software_estop(False, bench.now)
-    assert bench.session.software_estop_refused
-    bench.session.forget_software_estop(bench.now)
-    assert not bench.session.software_estop_refused
 
 
 def test_setting_that_cannot_be_read_is_refused_at_the_start() -> None:
