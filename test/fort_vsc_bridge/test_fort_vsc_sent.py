@@ -111,16 +111,6 @@ def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
     assert not bench.frames(0x30)
 
 
-def test_settings_are_not_known_any_more_once_the_port_is_closed() -> None:
-    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
-    bench.hear(heartbeat())
-    bench.wait(0.1)
-    bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
-    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
-    bench.close()
-    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
-
-
 @pytest.mark.parametrize('lost', ['heartbeats', 'input', 'port'])
 def test_what_the_user_wrote_stays_whatever_is_lost(lost: str) -> None:
     bench = opened(configure_device=True, device=DeviceSettings(user_estop_timeout=0))
@@ -310,24 +300,6 @@ def test_only_settings_that_differ_are_written_and_once() -> None:
     converse(bench, device, 20.0)
     assert device.eeprom_writes == 4
     assert device.too_fast == {0x30: 0, 0x31: 0, 0x32: 0}
-
-
-def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
-    wanted = DeviceSettings(auto_off_enable=0, remote_status_interval_ms=500)
-    bench = Bench(device=wanted, configure_device=True)
-    for connection in range(1, 7):
-        bench.open()
-        for _ in range(200):
-            bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
-            bench.wait(0.1)
-        assert set(bench.session.setting_states.values()) == {
-            'differs, and the device does not take it'
-        }
-        for name in ('auto_off_enable', 'remote_status_interval_ms'):
-            assert f'device.{name}: differs, and the device does not take it' in warnings(bench)
-        assert len(bench.frames(0x30)) == min(connection, 3)
-        assert len(bench.frames(0x23)) == min(connection, 3)
-        bench.close()
 
 
 def test_device_that_does_not_answer_is_not_written_to() -> None:
