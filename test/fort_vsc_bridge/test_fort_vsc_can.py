@@ -503,22 +503,6 @@ def test_other_identifiers_are_obeyed_and_the_delivered_ones_not_any_more() -> N
 # -- what is sent ---------------------------------------------------------------------------------
 
 
-def test_string_set_anew_while_under_way_is_finished_and_then_replaced() -> None:
-    bench = opened()
-    vsc = CanSimulator()
-    bench.session.set_name(1, 'first', bench.now)
-    bench.wait(0.15)
-    bench.session.set_name(1, 'second', bench.now)
-    bench.wait(0.1)
-    bench.session.set_name(1, 'third', bench.now)
-    bench.wait(2.0)
-    for at, sent in bench.sent:
-        vsc.receive(sent, at)
-    assert vsc.broken_strings == 0
-    assert vsc.names == {1: 'third'}
-    assert len(bench.sent) == 6
-
-
 @pytest.mark.parametrize('busy', [0.09, 0.35], ids=['once', 'often'])
 @pytest.mark.parametrize('third', [0, 1, 2])
 def test_third_of_a_string_that_a_busy_line_refuses_goes_again_in_its_place(

@@ -5,7 +5,6 @@
 
 import struct
 
-from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
@@ -274,13 +273,3 @@ def test_corrupt_length_names_no_firmware() -> None:
         bench.hear(heartbeat()[:3] + bytes((length,)) + heartbeat()[4:])
         bench.run(0.1, heartbeat())
     assert bench.session.rejected == 0
-
-
-@given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
-@settings(max_examples=50)
-def test_any_bytes_raise_nothing(pieces: list[bytes]) -> None:
-    bench = opened()
-    for piece in pieces:
-        bench.hear(piece)
-    bench.wait(1.0)
-    assert bench.session.estop
