@@ -234,7 +234,8 @@ class Session(BaseSession[Frame, Received, Event]):
         elif isinstance(message, UserFeedback):
             # On a line that loops it may be one of ours, which looks the same (table 17).
             if self.link_up and self._looped_back_lately.expired(now):
-                self._device.answered(message.key, message.value, now)
+                if setting := self._device.keys.get(message.key):
+                    setting.answered(message.value, now)
                 self._events.append(UserValue(message.key, message.value))
         elif isinstance(message, SetupString):
             self._identity.answered(message)
@@ -267,9 +268,8 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
         verdict = self._judgement.judge(self._newest, now)
-        if self._rate is not None and self._rate.exceeded(now):
-            return Verdict.stop(report.TWO_VSCS, *verdict.reasons)
-        return verdict
+        two = self._rate is not None and self._rate.exceeded(now)
+        return Verdict.stop(report.TWO_VSCS, *verdict.reasons) if two else verdict
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -377,8 +377,8 @@ class Session(BaseSession[Frame, Received, Event]):
             raise ValueError(f'key {key} is kept in EEPROM; it needs configure_device')
         check_value(key, value)
         self._queue.put(UserFeedback(key, value))
-        if self._open:  # else it is dropped, and overrules nothing
-            self._device.overrule(key, value, now)
+        if self._open and key in self._device.keys:  # else it is dropped, and overrules nothing
+            self._device.keys[key].overrule(value, now)
 
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""

@@ -68,7 +68,7 @@ class Bench:
         self.configurator.link_changed(up, now)
 
     def answer(self, value: int, now: float) -> None:
-        self.configurator.answered(KEY, value, now)
+        self.configurator.keys[KEY].answered(value, now)
 
     def poll(self, now: float, *, remote: bool = True) -> list[object]:
         """Return what is sent now."""
@@ -237,7 +237,7 @@ def test_story(story: str) -> None:
         elif what == 'answer':
             bench.answer(int(value[0]), now)
         elif what == 'overrule':
-            bench.configurator.overrule(KEY, int(value[0]), now)
+            bench.configurator.keys[KEY].overrule(int(value[0]), now)
         elif what == 'hear':
             for watch in bench.configurator.watches.values():
                 watch.heard(now)
