@@ -66,7 +66,7 @@ class _Setting:
         """Tell whether there is still something to find out."""
         return self.state in (UNKNOWN, UNANSWERED, WRITTEN)
 
-    def forget(self) -> None:
+    def look_anew(self) -> None:
         """Begin again; nothing is written against what the user wrote instead."""
         if self.state != OVERRULED:
             self.state = UNKNOWN
@@ -201,10 +201,10 @@ class Configurator:
         """Name and state in words of every setting that is wanted."""
         return {name: setting.state for name, setting in self._settings.items()}
 
-    def forget(self) -> None:
+    def look_anew(self) -> None:
         """Begin again: the port was opened or closed, or input was discarded."""
         for setting in self._settings.values():
-            setting.forget()
+            setting.look_anew()
 
     def link_changed(self, link_up: bool, now: float) -> None:
         """
@@ -214,7 +214,7 @@ class Configurator:
         """
         for setting in self._settings.values():
             if link_up:
-                setting.forget()
+                setting.look_anew()
             if setting.is_open:
                 setting.due = math.inf
                 if link_up:

@@ -206,7 +206,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _forget(self, now: float, reason: str) -> None:
         del now, reason
         self._joystick_heard.reset()
-        self._device.forget()
+        self._device.look_anew()
         self._queue.drop_passing()
 
     def _take(self, message: Received, now: float) -> None:
@@ -368,7 +368,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """Be as before the first call of ``set_software_estop``."""
         self._expire(now)
         self.software_estop_refused = False
-        self._stop.forget()
+        self._stop.forget_topic()
 
     def set_feedback(self, key: int, value: int, now: float) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""

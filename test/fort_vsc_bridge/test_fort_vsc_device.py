@@ -242,7 +242,7 @@ def test_story(story: str) -> None:
             for watch in bench.configurator.watches.values():
                 watch.heard(now)
         else:
-            bench.configurator.forget()
+            bench.configurator.look_anew()
         words = iter(expected.split())
         for word in words:
             if word in STATES:
