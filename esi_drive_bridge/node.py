@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -51,13 +50,9 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         # What comes first here is read first.
-        self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
-        self.watched_subscription(
-            Bool, '~/enable', self._on_enable, STOP_QOS, is_stop=lambda m: not m.data
-        )
-        self.watched_subscription(JointState, '~/command', self._on_command, COMMAND_QOS)
+        self.stop_input('~/estop_in', self._on_estop_in)
+        self.stop_input('~/enable', self._on_enable, stop=False)
+        self.command_input(JointState, '~/command', self._on_command)
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""
