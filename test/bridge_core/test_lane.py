@@ -584,3 +584,11 @@ def test_lane_that_hangs_is_silent_alone(
     finally:
         gate.set()
         other.close()
+
+
+@pytest.mark.parametrize(
+    ('name', 'owner'),
+    [('_safety_mux_lane', 'safety_mux'), ('safety_mux', 'safety_mux'), ('fast_lane', 'fast_lane')],
+)
+def test_owner_of_the_small_node_of_a_lane_is_named(name: str, owner: str) -> None:
+    assert lane_module.owner_of(name) == owner
