@@ -76,6 +76,8 @@ _NAMES_OF_TESTS = {
     'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
+    'bridge_core/transports/active.py': ('wire',),
+    'bridge_core/transports/opener.py': ('wire',),
     'bridge_core/transports/wire.py': ('wire',),
     'bridge_core/supervisor.py': _PROCESSES,
     'bridge_core/transports/child.py': _PROCESSES,
