@@ -75,6 +75,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
+    'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
     'bridge_core/transports/active.py': ('wire',),
     'bridge_core/transports/opener.py': ('wire',),
@@ -120,10 +121,10 @@ _NAMES_OF_TESTS = {
         *_VSC,
     ),
     'ssc_bridge/session': (
-        *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+        *('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
     ),
     'ssc_bridge/channels.py': (
-        *('ssc_channels', 'ssc_convert', 'ssc_outputs', 'ssc_session_outputs'),
+        *('ssc_channels', 'ssc_convert', 'ssc_session_outputs'),
         *('ssc_session_aux', 'session_settings'),
     ),
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
