@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import child
+from bridge_core.transports import child, process
 from bridge_core.transports.request import Call
 from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
@@ -354,6 +354,8 @@ def test_thread_blocks_the_signals_that_end_a_node_and_leaves_at_the_end(
     """Its processes inherit that, until they ignore them."""
     masks: list[tuple[int, Sequence[int]]] = []
     monkeypatch.setattr(signal, 'pthread_sigmask', lambda *mask: masks.append(mask))
+    pauses: list[float] = []
+    monkeypatch.setattr(process, 'time', SimpleNamespace(sleep=pauses.append))
     paced: list[float] = []
 
     def pace(now: float) -> float:
@@ -364,6 +366,7 @@ def test_thread_blocks_the_signals_that_end_a_node_and_leaves_at_the_end(
     monkeypatch.setattr(bench.owner, 'pace', pace)
     bench.link._run()
     assert len(paced) == 1
+    assert not pauses  # they are for a fault
     assert masks == [(signal.SIG_BLOCK, ENDING)]
     assert bench.children[0].waited == [0.2, None]
     assert select.select([bench.link._wake_fd], [], [], 0.0)[0]  # wherever it waits
