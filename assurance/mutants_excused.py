@@ -81,7 +81,9 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'bridge_core/framing.py': {
         'Decoder.feed: raise NotImplementedError -> pass': _ABSTRACT,
-        'StreamParser._scan: start < end -> start <= end': 'nothing is found in nothing',
+        'StreamParser._scan: start < len(buffer) -> start <= len(buffer)': (
+            'nothing is found in nothing'
+        ),
         'StreamParser._size: return 0 -> return None': _FALSY,
         'StreamParser._header_begins: len(header) - 1 -> len(header) + 1': (
             'a whole header would have been found'
@@ -113,8 +115,6 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'bridge_core/packets.py': {
         ": _M = TypeVar('_M', bound='Message') -> pass": _FOR_TYPES,
-        'Message._from_payload: raise NotImplementedError -> pass': _ABSTRACT,
-        'Message._to_payload: raise NotImplementedError -> pass': _ABSTRACT,
     },
     'bridge_core/publishers.py': {
         'PublisherWatch.heard: sequence_number is None or self.blind -> self.blind': _FOR_TYPES,
@@ -268,8 +268,6 @@ EXCUSED: dict[str, dict[str, str]] = {
     'fort_vsc_bridge/protocol/serial.py': {
         **dict.fromkeys(
             (
-                'SerialDecoder.feed: self._parser.deadline < math.inf -> '
-                'self._parser.deadline <= math.inf',
                 'SerialDecoder.feed: stream.count(PACKETS.header) > self.counters.frames - frames '
                 '-> stream.count(PACKETS.header) >= self.counters.frames - frames',
                 'SerialDecoder._unexpected: size - start < HEAD_SIZE -> size - start <= HEAD_SIZE',
@@ -304,7 +302,6 @@ EXCUSED: dict[str, dict[str, str]] = {
     'fort_vsc_bridge/session/session.py': {
         "Session.__init__: self._rejection = '' -> pass": _SET_FIRST,
         'Session.__init__: self._joystick_alone = False -> pass': _SET_FIRST,
-        'Session.__init__: self._software_estop = False -> pass': _SET_FIRST,
         'Session.__init__: False -> True': _SET_FIRST,
         'Session._silence: wire.GARBLED and self._garbled(now) -> self._garbled(now)': (
             'of the wire without these words every read is a frame'
@@ -320,24 +317,18 @@ EXCUSED: dict[str, dict[str, str]] = {
                 *('get_feedback', 'rumble', 'forget_software_estop'),
             )
         },
-        **{
-            f'Session.{name}: '
-            'self.settings.wire.require(MessageType.USER_FEEDBACK_NAME) -> pass': (
-                'the check of the name says the same'
-            )
-            for name in ('set_name', 'set_display_text')
-        },
-        'Session.set_software_estop: before or self._software_stop(now) -> before': (
+    },
+    'fort_vsc_bridge/session/software_stop.py': {
+        'SoftwareStop.__init__: self._wanted = False -> pass': _SET_FIRST,
+        'SoftwareStop.__init__: False -> True': _SET_FIRST,
+        'SoftwareStop.want: before or self._remedy(now) -> before': (
             'a stop that stands when the next call comes is owed then'
         ),
-        'Session._sends_at: self.software_estop_in_use and (not self._sent_stop) -> not '
-        'self._sent_stop': 'what is not in use was never heard, and has no deadline',
-        "Session._software_stop: return '' -> return None": _FALSY,
+        "SoftwareStop._remedy: return '' -> return None": _FALSY,
     },
     'fort_vsc_bridge/session/stops.py': {
         'StopJudge.__init__: False -> True': _SET_FIRST,
         'StopJudge.__init__: 0.0 -> 1.0': _SET_FIRST,
-        'StopJudge.__init__: self._before = self._of_asking() -> pass': _SET_FIRST,
         'StopJudge.asked: self._asked and (not remedy) -> self._asked': (
             'it is read once nothing is asked, and set anew then'
         ),
