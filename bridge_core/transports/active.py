@@ -74,7 +74,6 @@ class Active(Generic[FrameT]):
 
     def begin(self, now: float) -> None:
         """Begin on a port that has opened. :raises TransportError: it is gone."""
-        self._polled_at = now
         self._deliver(self.session.opened(now), now)
         self.exchange(False, now)
 

@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from hypothesis import given, settings as hypothesis_settings, strategies as st
+import pytest
 
 from bridge_core.session import INTERRUPTION_TIME, Session
 from stage.session_rig import tell_sent

@@ -998,7 +998,7 @@ def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(
     assert bench.port.sent == FAREWELL
     assert bench.session.calls[-2:] == ['farewell', 'closed']
     assert not bench.port.is_open
-    assert bench.wire._opener.fileno() == -1
+    assert bench.wire._opener.fileno() == bench.wire._opener._wake.fileno() == -1
     assert 'interrupted' not in bench.session.calls
     assert not any('internal error' in line for line in bench.owner.log)
 
