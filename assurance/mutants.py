@@ -80,7 +80,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/transports/active.py': ('wire',),
     'bridge_core/transports/opener.py': ('wire',),
     'bridge_core/transports/wire.py': ('wire',),
-    'bridge_core/supervisor.py': _PROCESSES,
+    'bridge_core/supervisor.py': ('supervisor', *_PROCESSES),
     'bridge_core/transports/child.py': _PROCESSES,
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
