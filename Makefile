@@ -33,7 +33,7 @@ WORKERS ?= 6
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
-# Sphinx needs neither ROS nor this package.
+# Sphinx needs no ROS, and of this package the words of messages alone.
 DOCS_VENV := .venv-docs
 SITE := docs/_build
 

@@ -36,6 +36,7 @@ from bridge_core.report import Report
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 
 
 class AkronCanBridge(BridgeNode[Event]):
@@ -44,7 +45,7 @@ class AkronCanBridge(BridgeNode[Event]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
-    SERVICES = {request.value: (Session.request, request) for request in Request}
+    SERVICES = {request.value: Call.of(Session.request, request) for request in Request}
 
     def __init__(self, **options: Any) -> None:
         self._unit = '', 0  # its PIN and type, as far as known
@@ -104,7 +105,8 @@ class AkronCanBridge(BridgeNode[Event]):
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
         elif isinstance(event, PausePressed):
-            self._log_press(event)
+            text = 'the stop presses switch 7 once, to pause the oscillation that ~/cmd_joy began'
+            self.log(Level.WARN, text, site='pause')
         elif isinstance(event, Handover):
             self._handover, self._lost, self._told = event, False, True
         elif isinstance(event, HandoverWanted):
@@ -129,12 +131,6 @@ class AkronCanBridge(BridgeNode[Event]):
         if self._limited:  # first: once it has taken over, it may permit directions
             self.request(Session.limit_directions, stop=True)
         self.request(Session.take_over, self._handover, self._lost, stop=True)
-
-    def _log_press(self, event: PausePressed) -> None:
-        text = 'the stop presses switch 7 once, to pause the oscillation that ~/cmd_joy began'
-        if not event.sent:
-            text = 'end the oscillation by what is wired: the line did not take switch 7'
-        self.log(Level.WARN, text, site='pause')
 
     def _log_faults(self, event: FaultsChanged) -> None:
         if event.faults:

@@ -37,12 +37,7 @@ from assurance.mutants_excused import EXCUSED
 RESULTS = ROOT / 'build' / 'mutants.jsonl'
 ENOUGH = 0.95  # of those that are not excused
 
-_MUX = tuple(
-    f'safety_mux_{name}'
-    for name in (
-        *('arbiter', 'edges', 'moments', 'owners', 'drive', 'feedback', 'speed_limits', 'chains'),
-    )
-)
+_MUX = tuple(f'safety_mux_{name}' for name in ('rules', 'motion', 'config', 'feedback', 'chains'))
 _ESI = tuple(
     f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_refused', '_chance')
 )
@@ -61,8 +56,13 @@ _PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'explo
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
-    'bridge_core/framing.py': ('framing_counts', 'framing', 'fast_framing'),
-    'bridge_core/packets.py': ('packets', 'fort_vsc_protocol', 'ssc_protocol', 'fast_framing'),
+    'bridge_core/framing.py': ('framing_counts', 'framing', 'framing_of_devices'),
+    'bridge_core/packets.py': (
+        'packets',
+        'fort_vsc_protocol',
+        'ssc_protocol',
+        'framing_of_devices',
+    ),
     'bridge_core/convert.py': ('shared_convert', *(f'{name}_convert' for name in _CONVERT)),
     'bridge_core/checksums.py': ('checksums', 'crc32'),
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
@@ -72,10 +72,16 @@ _NAMES_OF_TESTS = {
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
+    'bridge_core/supervisor.py': _PROCESSES,
+    'bridge_core/transports/child.py': _PROCESSES,
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
-    'safety_mux/arbiter.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties'),
-    'safety_mux/inputs.py': (*_MUX, 'safety_mux_activation'),
+    **{
+        f'safety_mux/{name}.py': (*_MUX, 'safety_mux_activation', 'safety_mux_properties')
+        for name in (
+            *('arbiter', 'stops', 'resets', 'explanation', 'all_inputs', 'inputs', 'owners'),
+        )
+    },
     'safety_mux/intake.py': ('safety_mux_intake',),
     'safety_mux/protocol.py': (
         'safety_mux_config',
@@ -85,7 +91,7 @@ _NAMES_OF_TESTS = {
     ),
     'safety_mux/outputs.py': ('safety_mux_outputs', 'safety_mux_gate_exploration'),
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
-    'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_speed_limits'),
+    'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_motion'),
     'safety_mux/mapping.py': ('safety_mux_mapping',),
     'safety_mux/button.py': ('safety_mux_button',),
     'safety_mux/stamps.py': ('safety_mux_stamps',),

@@ -545,7 +545,6 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: False -> True': _SET_FIRST,
         'Session.forget_hold_output: self._refresh(now) -> pass': 'the poll that follows does it',
         'Session.faulty: self.vrpi is not None and self.enabled -> self.enabled': _FOR_TYPES,
-        'Session._is_ours: return False -> return None': _FALSY,
         **{
             f'Session.{name}: self._expire(now) -> pass': (
                 'it depends on no verdict, and a poll follows'
@@ -555,6 +554,8 @@ EXCUSED: dict[str, dict[str, str]] = {
                 'forget_hold_output',
             )
         },
+    },
+    'vm110_bridge/session/controls.py': {
         '_is_enabled: vrpi is not None and vrpi.ru_state == RuState.ENABLED and '
         '(vrpi.ru_disabled == Disabled.ENABLED) -> vrpi.ru_state == RuState.ENABLED and '
         'vrpi.ru_disabled == Disabled.ENABLED': _FOR_TYPES,
@@ -574,7 +575,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     'vm110_bridge/session/encoder.py': {
         'Encoder.__init__: 0 -> 1': _SET_FIRST,
         'Encoder.__init__: self._last = 0 -> pass': _SET_FIRST,
-        'Encoder.take: value - self._last + 128 -> value - self._last - 128': (
+        'Encoder.read: value - self._last + 128 -> value - self._last - 128': (
             'the same modulo 256'
         ),
     },
@@ -591,43 +592,46 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Arbiter.__init__: self._stopping_since = 0.0 -> pass': _SET_FIRST,
         'Arbiter.__init__: self._settled = False -> pass': _SET_FIRST,
         'Arbiter.__init__: 0.0 -> 1.0': _SET_FIRST,
-        'Arbiter.select_autonomy: self._autonomy.problem(now) or self._autonomy.lapse -> '
-        'self._autonomy.problem(now)': 'a lapse also ends the rest, which is missing then',
+        'Arbiter.select_autonomy: self.autonomy.problem(now) or self.autonomy.lapse -> '
+        'self.autonomy.problem(now)': 'a lapse also ends the rest, which is missing then',
         'Arbiter.tick: 0.0 -> 1.0': 'the first tick is STOPPED, at zero',
-        "Arbiter._counts: source.config.operator or '' -> source.config.operator": _FOR_TYPES,
-        'Arbiter._forget: self._through_zero = False -> pass': _SET_FIRST,
-        'Arbiter._forget: False -> True': _SET_FIRST,
-        'Arbiter._waiting: self._state is not State.STOPPED or clear >= limit -> clear >= limit': (
-            'every other state began with a reset, so all had been clear for long'
-        ),
-        'Arbiter._trip_may_end: return False -> return None': _FALSY,
-        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
-        'self._state is State.ACTIVE or self._owner is not None': _OWNED,
-        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
-        'self._owner is not None': _OWNED,
-        'Arbiter._output: self._state is State.ACTIVE and self._owner is not None -> '
-        'self._state is State.ACTIVE': _OWNED,
-        'Arbiter._output: self._feedback is not None and to_zero and ends and in_motion and '
+        'Arbiter._drop_requests: self.through_zero = False -> pass': _SET_FIRST,
+        'Arbiter._drop_requests: False -> True': _SET_FIRST,
+        'Arbiter.still_clearing: self.state is not State.STOPPED or clear >= limit -> clear >= '
+        'limit': 'every other state began with a reset, so all had been clear for long',
+        'Arbiter._output: self.state is State.ACTIVE and self.owner is not None -> '
+        'self.state is State.ACTIVE or self.owner is not None': _OWNED,
+        'Arbiter._output: self.state is State.ACTIVE and self.owner is not None -> '
+        'self.owner is not None': _OWNED,
+        'Arbiter._output: self.state is State.ACTIVE and self.owner is not None -> '
+        'self.state is State.ACTIVE': _OWNED,
+        'Arbiter._output: self.feedback is not None and to_zero and ends and in_motion and '
         '(not any(demand)) -> to_zero and ends and in_motion and (not any(demand))': (
             'without feedback what is at zero is not in motion'
         ),
-        'Arbiter._why_still: return [] -> return None': _OWNED,
+    },
+    'safety_mux/stops.py': {
+        "Stops.counts: source.config.operator or '' -> source.config.operator": _FOR_TYPES,
     },
     'safety_mux/inputs.py': {
         'Input.use: raise NotImplementedError -> pass': _ABSTRACT,
-        'OwnerInput.at_rest: raise NotImplementedError -> pass': _ABSTRACT,
-        'OwnerInput.given_up: raise NotImplementedError -> pass': _ABSTRACT,
-        'Input.silence: self.forget() -> pass': 'a freeze also stops, and every stop forgets',
-        'OperatorInput.silence: self.newest = None -> pass': 'silence hides it anyway',
+        'Input.count_as_silent: self.drop_requests() -> pass': (
+            'a freeze also stops, and every stop drops them'
+        ),
         'SourceInput.__init__: True -> False': _NOT_READ,
         'SpeedLimitInput.__init__: 1.0 -> 2.0': 'until it was heard the lowest counts, if less',
+    },
+    'safety_mux/owners.py': {
+        'OwnerInput.at_rest: raise NotImplementedError -> pass': _ABSTRACT,
+        'OwnerInput.given_up: raise NotImplementedError -> pass': _ABSTRACT,
+        'OperatorInput.count_as_silent: self.newest = None -> pass': 'silence hides it anyway',
         'Run.__init__: self.until = 0.0 -> pass': _SET_FIRST,
         'Run.__init__: 0.0 -> 1.0': _SET_FIRST,
         'OwnerInput.rested: self.rest.since is not None and self.rest.length >= self.neutral_time '
         '-> self.rest.length >= self.neutral_time': 'without a sample the length is 0',
         'OperatorInput.__init__: self.pressed = False -> pass': 'the first sample sets it',
         'OperatorInput.__init__: False -> True': 'the first sample sets it',
-        'OperatorInput.sample: self.forget() -> pass': (
+        'OperatorInput.sample: self.drop_requests() -> pass': (
             'a fault did so when it came, and nothing is kept while it lasts'
         ),
         'OperatorInput.at_rest: self.newest is not None and self.newest.at_rest -> '
@@ -636,8 +640,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         'self.newest.deadman': 'it is asked of what is fresh and valid only',
         'AutonomyInput.__init__: self.selected = False -> pass': _SELECTED,
         'AutonomyInput.__init__: False -> True': _SELECTED,
-        'AutonomyInput.forget: self.selected = False -> pass': _SELECTED,
-        'AutonomyInput.forget: False -> True': _SELECTED,
+        'AutonomyInput.drop_requests: self.selected = False -> pass': _SELECTED,
+        'AutonomyInput.drop_requests: False -> True': _SELECTED,
     },
     'safety_mux/feedback.py': {
         'FeedbackInput.__init__: self._at_zero = False -> pass': _SET_FIRST,

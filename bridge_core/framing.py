@@ -12,8 +12,8 @@ frames behind it), holds no more than one largest frame, and expires a frame tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 import math
 from typing import Any, Generic, TypeVar
 
@@ -87,11 +87,6 @@ class Counters:
     expired: int = 0  # partial frames whose rest did not come in time
 
 
-# Reads the frame that stands in a buffer from one offset up to another. None: its check is wrong;
-# it raises FrameError for contents that cannot be.
-Reader = Callable[[bytes, int, int], MessageT | Unknown | None]
-
-
 @dataclass(frozen=True, slots=True)
 class FrameFormat(Generic[MessageT]):
     """
@@ -103,19 +98,15 @@ class FrameFormat(Generic[MessageT]):
     :param size_of: from the first ``head_size`` bytes to the whole frame's size in bytes; raises
         FrameError where type and length cannot be. A size outside ``head_size`` to ``max_size`` is
         malformed too.
-    :param decode: from a whole frame to its message, Unknown for a type that is not known, None
-        for a wrong check; raises FrameError for contents that cannot be, and may raise
-        ChecksumError instead of returning None.
-    :param readers: by their first ``head_size`` bytes, the whole size and the reader of frames
-        that come often: sooner than ``size_of`` and ``decode``, with the same outcome.
+    :param decode: from a whole frame to its message, or Unknown for a type that is not known;
+        raises ChecksumError for a wrong check, FrameError for contents that cannot be.
     """
 
     header: bytes
     head_size: int
     max_size: int
     size_of: Callable[[bytes], int]
-    decode: Callable[[bytes], MessageT | Unknown | None]
-    readers: Mapping[bytes, tuple[int, Reader[MessageT]]] = field(default_factory=dict)
+    decode: Callable[[bytes], MessageT | Unknown]
 
 
 class Decoder(Generic[FrameT, MessageT]):
@@ -209,44 +200,36 @@ class StreamParser(Decoder[bytes, MessageT]):
     def _scan(self, start: int = 0) -> list[MessageT]:
         """Decode the frames in the buffer from ``start`` on; keep the partial one at the end."""
         fmt, counters, buffer = self._format, self.counters, self._buffer
-        readers, head_size, end = fmt.readers, fmt.head_size, len(buffer)
         messages: list[MessageT] = []
         behind = start  # the last frame: what follows up to ``start`` is none
-        while start < end:
-            head = buffer[start : start + head_size]
-            known = readers.get(head)
-            if known is not None:
-                size, read = known
-            else:
-                found = buffer.find(fmt.header, start)
-                if found > start:
-                    start = found
-                    continue
-                if found < 0:
-                    start = self._header_begins(start)
-                    break
-                if len(head) < head_size:
-                    break
-                size, read = self._size(head), self._decode
-                if not size:
-                    counters.malformed += 1
-                    start += 1
-                    continue
-            if end - start < size:
+        while start < len(buffer):
+            found = buffer.find(fmt.header, start)
+            if found < 0:
+                start = self._header_begins(start)
+                break
+            start = found
+            head = buffer[start : start + fmt.head_size]
+            if len(head) < fmt.head_size:
+                break
+            size = self._size(head)
+            if not size:
+                counters.malformed += 1
+                start += 1
+                continue
+            if len(buffer) - start < size:
                 break
             try:
-                message = read(buffer, start, start + size)
-            except FrameError:
-                counters.malformed += 1
-            else:
-                if message is None:
-                    counters.checksum_errors += 1
-                    start += 1
-                    continue
+                message = fmt.decode(buffer[start : start + size])
                 if isinstance(message, Unknown):
                     counters.unknown_types += 1
                 else:
                     messages.append(message)
+            except ChecksumError:
+                counters.checksum_errors += 1
+                start += 1
+                continue
+            except FrameError:
+                counters.malformed += 1
             if start > behind:
                 self._discard(start - behind)
             counters.frames += 1
@@ -257,12 +240,6 @@ class StreamParser(Decoder[bytes, MessageT]):
         self._buffer = buffer[start:]
         self._forget_arrivals(start)
         return messages
-
-    def _decode(self, buffer: bytes, start: int, end: int) -> MessageT | Unknown | None:
-        try:
-            return self._format.decode(buffer[start:end])
-        except ChecksumError:
-            return None
 
     def _forget_arrivals(self, count: int) -> None:
         """Forget when the first ``count`` bytes arrived, which are not in the buffer any more."""

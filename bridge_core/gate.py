@@ -158,9 +158,9 @@ class Gate:
     def watch(self, now: float, stops: Sequence[str] = ()) -> tuple[str, ...]:
         """Shut it where anything is missing; return why it shut since the last call."""
         self._expire(now, stops)
-        if self.command is None and not self.forbidden(now, stops):
-            self.state = State.OPEN  # nothing else opens it
         told, self._untold = self._untold, ()
+        if not told and self.command is None and not self.forbidden(now, stops):
+            self.state = State.OPEN
         return told
 
     # Why not.

@@ -9,6 +9,8 @@ at once on change and at ``estop_rate`` always, by the link's thread, port or no
 not.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -16,7 +18,7 @@ import math
 import os
 import threading
 import traceback
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar, Generic, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -38,8 +40,14 @@ from bridge_core.session import Answer, EventT, Level, StopChanged, Verdict
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import Link, ThreadLink
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 from bridge_core.transports.wire import Bridge
 from bridge_core.watchdog import FreezeWatch, FROZEN
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from bridge_core.transports.request import ArgumentsT
 
 _LOG_PERIOD = 1.0  # s, of each site
 _MOST_WORDS = 1000  # lines that wait to be logged
@@ -70,9 +78,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
     BRIDGE: ClassVar[Bridge[Any]]
     LINK: ClassVar[type[Link]] = ThreadLink
-    # Services (Trigger) that wait for the device, by the name of the session's Answer: a method of
-    # the session as of ``request``, and its arguments.
-    SERVICES: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+    # Services (Trigger) that wait for the device, by the name of the session's Answer.
+    SERVICES: ClassVar[Mapping[str, Call]] = {}
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -120,8 +127,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             rt_priority=self.values.get('wire_rt_priority') or self.values['rt_priority'],
             tap=-1 if self._raw is None else self._raw.descriptor,
         )
-        for service, request in self.SERVICES.items():
-            self._create_device_service(service, *request)
+        for service, call in self.SERVICES.items():
+            self._create_device_service(service, call)
         self.create_interfaces()
         self.forget_device()
         self._publish_verdict(_INACTIVE)
@@ -284,12 +291,11 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def request(
         self,
-        method: Callable[..., Any],
-        *arguments: Any,
+        method: Callable[[Any, Unpack[ArgumentsT], float], object],
+        *arguments: Unpack[ArgumentsT],
         key: str = '',
         each: bool = False,
         stop: bool = False,
-        waits: bool = False,
     ) -> int:
         """
         Have ``method(session, *arguments, now)`` called soon; return a number, 0 if it is in vain.
@@ -300,23 +306,17 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         :param method: of the session's class. :param key: of one key the newest request may be the
             only one; the method's name if none is given. :param each: no request replaces another.
         :param stop: nothing that is asked later replaces it, and it counts however late it comes.
-        :param waits: for an Answer, so it is refused at once while the port is not open.
         """
+        return self._request(Call.of(method, *arguments), key=key, each=each, stop=stop)
+
+    def _request(self, call: Call, *, key: str, stop: bool = False, **options: bool) -> int:
         if not self.active:
             return 0
         if not stop and self._freeze.settling(clock.now()):
-            self.refuse(f'{key or method.__name__}: {FROZEN}')
+            self.refuse(f'{key or call.name}: {FROZEN}')
             return 0
         received_at = getattr(self._input, 'received_at', None)
-        return self.link.request(
-            method.__name__,
-            *arguments,
-            key=key,
-            each=each,
-            stop=stop,
-            waits=waits,
-            received_at=received_at,
-        )
+        return self.link.request(call, key=key, stop=stop, received_at=received_at, **options)
 
     def refuse(self, text: str) -> None:
         """Count and log a request that makes no sense."""
@@ -324,16 +324,14 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.refusal = text
         self.log(Level.WARN, f'refused {text}', site='refused')
 
-    def _create_device_service(
-        self, name: str, method: Callable[..., Any], *arguments: Any
-    ) -> None:
+    def _create_device_service(self, name: str, call: Call) -> None:
         async def serve(request: Any, response: Any) -> Any:
             """Answer when the device has: the executor goes on meanwhile."""
             del request
             frozen = self._freeze.settling(clock.now())
             answer = await self._waiting.ask(
                 name,
-                lambda: self.request(method, *arguments, key=name, each=True, waits=True),
+                lambda: self._request(call, key=name, each=True, waits=True),
                 FROZEN if frozen and self.active else _INACTIVE.reasons[0],
             )
             response.success, response.message = answer.success, answer.text

@@ -21,7 +21,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 import math
 import struct
-from types import MappingProxyType
 from typing import ClassVar, TypeVar
 
 from bridge_core.checksums import fletcher16, is_fletcher16
@@ -31,7 +30,6 @@ from bridge_core.framing import (
     FrameError,
     FrameFormat,
     MessageT,
-    Reader,
     StreamParser,
     Unknown,
 )
@@ -42,6 +40,8 @@ OVERHEAD = HEAD_SIZE + CHECK_SIZE  # bytes of a packet beside its payload
 
 _CHECK = struct.Struct('<H')  # sum1, then sum2
 _sums_at = _CHECK.unpack_from
+
+_M = TypeVar('_M', bound='Message')
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,52 +95,40 @@ class PacketFormat:
         return packet[HEAD_SIZE:-CHECK_SIZE]
 
     def parser(
-        self,
-        decode: Callable[[int, bytes], MessageT | Unknown],
-        kinds: Mapping[int, Callable[[bytes], MessageT | Unknown]] = MappingProxyType({}),
-        baud: float = math.inf,
+        self, decode: Callable[[int, bytes], MessageT | Unknown], baud: float = math.inf
     ) -> StreamParser[MessageT]:
         """
         Return a parser for one direction of one link.
 
         :param decode: from type and payload to a message; raises FrameError for bad contents.
-        :param kinds: by type, the same for the types that come often.
         :param baud: of the line.
         """
-        return StreamParser(
-            FrameFormat(
-                header=self.header,
-                head_size=HEAD_SIZE,
-                max_size=self.max_size,
-                size_of=self.size_of,
-                decode=lambda packet: (
-                    decode(packet[2], packet[HEAD_SIZE:-CHECK_SIZE])
-                    if self.is_sound(packet, 0, len(packet))
-                    else None
-                ),
-                readers={
-                    self.header + bytes((kind, length)): (length + OVERHEAD, reader)
-                    for kind, read in kinds.items()
-                    for reader in (self._reader(read),)
-                    for length in self.lengths[kind]
-                },
-            ),
-            expire=expiry(OVERHEAD + max(map(max, self.lengths.values())), baud),
-        )
+        expire = expiry(OVERHEAD + max(map(max, self.lengths.values())), baud)
+        return StreamParser(self.frame_format(decode), expire=expire)
 
-    def _reader(self, read: Callable[[bytes], MessageT | Unknown]) -> Reader[MessageT]:
-        summed_from = self.summed_from
+    def frame_format(
+        self, decode: Callable[[int, bytes], MessageT | Unknown]
+    ) -> FrameFormat[MessageT]:
+        """Return how a parser tells these packets apart. :param decode: see ``parser``."""
 
-        def read_packet(buffer: bytes, start: int, end: int) -> MessageT | Unknown | None:
-            check = end - CHECK_SIZE
-            if is_fletcher16(buffer[start + summed_from : check], _sums_at(buffer, check)[0]):
-                return read(buffer[start + HEAD_SIZE : check])
-            return None
+        def read(packet: bytes) -> MessageT | Unknown:
+            if not self.is_sound(packet, 0, len(packet)):
+                raise ChecksumError('wrong checksum')
+            return decode(packet[2], packet[HEAD_SIZE:-CHECK_SIZE])
 
-        return read_packet
+        return FrameFormat(self.header, HEAD_SIZE, self.max_size, self.size_of, read)
 
 
-_M = TypeVar('_M', bound='Message')
+def decode_by(
+    messages: Mapping[int, type[_M]],
+) -> Callable[[int, bytes], _M | Unknown]:
+    """Return what reads a payload by its type. :param messages: what may come, by type."""
+
+    def decode(kind: int, payload: bytes) -> _M | Unknown:
+        message = messages.get(kind)
+        return Unknown(kind) if message is None else message.from_payload(payload)
+
+    return decode
 
 
 class Message:
@@ -149,6 +137,7 @@ class Message:
     __slots__ = ()
     PACKETS: ClassVar[PacketFormat]
     TYPE: ClassVar[int]
+    LAYOUT: ClassVar[struct.Struct]  # of a payload that is the fields of the message, in order
 
     @classmethod
     def from_bytes(cls: type[_M], packet: bytes) -> _M:
@@ -177,7 +166,8 @@ class Message:
 
     @classmethod
     def _from_payload(cls: type[_M], payload: bytes) -> _M:
-        raise NotImplementedError
+        return cls(*cls.LAYOUT.unpack(payload))
 
     def _to_payload(self) -> bytes:
-        raise NotImplementedError
+        names = self.__dataclass_fields__  # type: ignore[attr-defined]
+        return self.LAYOUT.pack(*(getattr(self, name) for name in names))

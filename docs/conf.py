@@ -4,9 +4,14 @@
 """The site of ``make docs``: the Markdown as it stands, from the root of the repository."""
 
 from pathlib import Path
+import sys
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from rugged_teleop import messages  # noqa: E402
+from rugged_teleop.doctor import catalogue  # noqa: E402
 
 # Headings, and patterns of the pages below them. A page stands where it matches first.
 NAVIGATION = {
@@ -62,6 +67,13 @@ def _add_contents(_: Any, page: str, source: list[str]) -> None:
             source[0] += f'\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{lines}\n```\n'
 
 
+def _add_messages(_: Any, page: str, source: list[str]) -> None:
+    """Add what nodes and doctor may say, which in the repository stands on their pages alone."""
+    if page == 'docs/messages':
+        source[0] += f'\n{messages.catalogue()}\n## doctor\n\nFrom [doctor.md](doctor.md).\n\n'
+        source[0] += catalogue.markdown_table()
+
+
 def _leave_folders(app: Any, tree: Any) -> None:
     """Leave links to folders, which have no page here, as their text."""
     here = Path(app.env.doc2path(app.env.docname)).parent
@@ -73,4 +85,5 @@ def _leave_folders(app: Any, tree: Any) -> None:
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect('source-read', _add_contents)
+    app.connect('source-read', _add_messages)
     app.connect('doctree-read', _leave_folders)

@@ -15,6 +15,7 @@ from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
@@ -37,7 +38,7 @@ class EsiDriveBridge(BridgeNode[Event]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
-    SERVICES = {CLEAR_ERRORS: (Session.clear_errors,)}
+    SERVICES = {CLEAR_ERRORS: Call.of(Session.clear_errors)}
 
     def __init__(self, **options: Any) -> None:
         self._listened = True  # as the wire knows it: somebody listens to ~/joint_states

@@ -461,11 +461,6 @@ def status_parser(layout: Layout) -> StreamParser[Status]:
 
 
 def _parser(size: int, from_body: Callable[[bytes], MessageT]) -> StreamParser[MessageT]:
-    def read(buffer: bytes, start: int, end: int) -> MessageT | None:
-        check = end - CHECK_SIZE
-        body = buffer[start + len(HEADER) : check]
-        return from_body(body) if crc16_ccitt_false(body) == _check_at(buffer, check)[0] else None
-
     return StreamParser(
         FrameFormat(
             HEADER,
@@ -473,6 +468,5 @@ def _parser(size: int, from_body: Callable[[bytes], MessageT]) -> StreamParser[M
             size,
             size_of=lambda head: size,
             decode=lambda frame: from_body(_body_of(frame, size)),
-            readers={HEADER: (size, read)},
         )
     )

@@ -21,17 +21,15 @@ from std_msgs.msg import Int8, String
 
 from bridge_core.convert import joy_message, scaled, unknown_battery
 from bridge_core.numerals import whole_number
-from fort_vsc_bridge.protocol import (
+from fort_vsc_bridge.protocol.messages import NAME_SIZE, RemoteStatus, UserFeedbackName
+from fort_vsc_bridge.protocol.values import (
     AutonomyMode,
     check_range,
     INT32,
     MAX_MAGNITUDE,
     Mode,
     mode_name,
-    NAME_SIZE,
-    RemoteStatus,
     TEXT_KEYS,
-    UserFeedbackName,
 )
 
 # The device counts X to the right; in ROS left is positive. Y (forward) and Z stay.

@@ -10,10 +10,11 @@ from typing import Any
 
 from bridge_core.decoding import CanDecoder, Decoders, Plain, StreamDecoder
 from bridge_core.j1939 import CanFrame
-import fort_vsc_bridge.protocol as fort
-from fort_vsc_bridge.protocol.can import ForeignFrameError
+from fort_vsc_bridge.protocol.can import BasicJoystick, CanIds, decode_data, ForeignFrameError
+from fort_vsc_bridge.protocol.messages import Heartbeat, Joystick, parser
+from fort_vsc_bridge.protocol.values import Axis, AXIS_NAMES, Button, BUTTON_NAMES, estop_sources
 
-_NAMES = {identifier: name for name, identifier in fort.CanIds().by_name.items()}
+_NAMES = {identifier: name for name, identifier in CanIds().by_name.items()}
 
 
 def _read(frame: CanFrame) -> tuple[str, Any] | None:
@@ -21,32 +22,32 @@ def _read(frame: CanFrame) -> tuple[str, Any] | None:
     if name is None:
         return None
     try:
-        return name, fort.decode_data(name, frame.data)
+        return name, decode_data(name, frame.data)
     except ForeignFrameError:
         return None
 
 
-def _control(value: fort.Axis | fort.Button, plain: Callable[[Any], Any]) -> Any:
+def _control(value: Axis | Button, plain: Callable[[Any], Any]) -> Any:
     return plain(value.state) if value.value is None else value.value
 
 
-def _heartbeat(value: fort.Heartbeat, plain: Callable[[Any], Any]) -> dict[str, Any]:
+def _heartbeat(value: Heartbeat, plain: Callable[[Any], Any]) -> dict[str, Any]:
     autonomy = None if value.autonomy is None else plain(value.autonomy)
-    estop = fort.estop_sources(value.estop)
+    estop = estop_sources(value.estop)
     return {'mode': plain(value.mode), 'autonomy': autonomy, 'estop': estop}
 
 
 DECODERS = Decoders(
     protocols=(
-        StreamDecoder(name='fort_serial', parser=fort.parser),
+        StreamDecoder(name='fort_serial', parser=parser),
         CanDecoder(name='fort_can', read=_read),
     ),
     plain=Plain(
-        values={fort.Axis: _control, fort.Button: _control, fort.Heartbeat: _heartbeat},
+        values={Axis: _control, Button: _control, Heartbeat: _heartbeat},
         names={
-            (fort.Joystick, 'axes'): fort.AXIS_NAMES,
-            (fort.Joystick, 'buttons'): fort.BUTTON_NAMES,
-            (fort.BasicJoystick, 'buttons'): ('down', 'right', 'up', 'left'),
+            (Joystick, 'axes'): AXIS_NAMES,
+            (Joystick, 'buttons'): BUTTON_NAMES,
+            (BasicJoystick, 'buttons'): ('down', 'right', 'up', 'left'),
         },
     ),
 )

@@ -3,9 +3,11 @@
 
 """The FORT VSC bridge: a wireless e-stop and remote as ROS topics."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 import reprlib
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
@@ -20,7 +22,7 @@ from bridge_core.runner import run
 from bridge_core.session import Level
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import RemoteStatus
+from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.session import (
     Event,
     GpsSentence,
@@ -32,6 +34,11 @@ from fort_vsc_bridge.session import (
 )
 from fort_vsc_bridge.session.report import device_state
 from fort_vsc_bridge.wire import BRIDGE, STOP_HEARD
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from bridge_core.transports.request import ArgumentsT
 
 
 class FortVscBridge(BridgeNode[Event]):
@@ -198,9 +205,9 @@ class FortVscBridge(BridgeNode[Event]):
         self,
         topic: str,
         of: Any,
-        arguments_of: Callable[[Any], tuple[Any, ...]],
+        arguments_of: Callable[[Any], tuple[Unpack[ArgumentsT]]],
         message: Any,
-        method: Callable[..., Any],
+        method: Callable[[Session, Unpack[ArgumentsT], float], object],
     ) -> None:
         """Request what a message asks; of each key or motor (``of``) the latest wins."""
         if not self.active:

@@ -7,7 +7,9 @@ from collections.abc import Callable
 import re
 
 from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
-from fort_vsc_bridge.protocol import BAUD, CanIds, MAX_IDENTIFIER, MAX_MAGNITUDE
+from fort_vsc_bridge.protocol.can import CanIds, MAX_IDENTIFIER
+from fort_vsc_bridge.protocol.frames import BAUD
+from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
 
 LEAVE = -1  # do not touch this setting of the device
 

@@ -13,7 +13,8 @@ from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port, gap_of
 from bridge_core.transports.wire import Bridge
-from fort_vsc_bridge.protocol import CanWire, HidWire, REPORT_SIZE
+from fort_vsc_bridge.protocol.hid import REPORT_SIZE
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire
 from fort_vsc_bridge.session import Session, Settings, wire_of
 
 STOP_HEARD = 'software_estop was heard'  # beside the parameters

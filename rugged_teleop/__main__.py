@@ -51,15 +51,14 @@ def usage() -> str:
 
 
 def executables() -> dict[str, metadata.EntryPoint]:
-    """Return what has an executable of its own, such as the nodes, by its name."""
+    """Return what runs besides the commands, such as the nodes, by its name."""
     try:
         found = metadata.distribution('rugged_teleop').entry_points
     except metadata.PackageNotFoundError:  # sources that nobody has installed
         return {}
-    points = found.select(group='console_scripts')
-    return {
-        point.name: point for point in points if point.name not in (*COMMANDS, 'rugged_teleop')
-    }
+    groups = ('console_scripts', 'rugged_teleop.commands')
+    points = (point for group in groups for point in found.select(group=group))
+    return {point.name: point for point in points if point.name != 'rugged_teleop'}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -25,9 +25,7 @@ from bridge_core.parameters import (
     Parameter,
     Value,
 )
-from rugged_teleop import messages
 from rugged_teleop.devices import devices
-from rugged_teleop.doctor import catalogue
 from rugged_teleop.schema import GENERIC, schema_text
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,8 +34,7 @@ END = '<!-- end of parameters -->'
 SCHEMA = 'rugged_teleop.schema.json'
 
 _COMMON_PAGE = 'docs/common.md'
-_FINDINGS_PAGE = 'docs/doctor.md'
-_MESSAGES_PAGE = 'docs/messages.md'
+_NUMBER = re.compile(r'\ba (whole )?number (from )?(?=\S)')
 _WIDTH = 99
 _COMMENT_COLUMN = 31
 # What a page shows as code: topics, paths, URLs, lists, names with an underscore.
@@ -119,27 +116,7 @@ def files() -> dict[Path, str]:
     for page, table in tables.items():
         path = ROOT / page
         result[path] = with_table(path.read_text(encoding='utf-8'), table)
-    findings = ROOT / _FINDINGS_PAGE
-    page = findings.read_text(encoding='utf-8')
-    result[findings] = with_table(page, catalogue.markdown_table(), catalogue.BEGIN, catalogue.END)
-    return result | _catalogue(result)
-
-
-def message_pages() -> list[str]:
-    """Return the pages whose messages the catalogue has, without the doctor's."""
-    mux_first = sorted((node.page for node in NODES), key=lambda page: 'mux' not in page)
-    return [*mux_first, _COMMON_PAGE, 'docs/can.md']
-
-
-def _catalogue(generated: Mapping[Path, str]) -> dict[Path, str]:
-    paths = {page: ROOT / page for page in (*message_pages(), _FINDINGS_PAGE)}
-    texts = {
-        page: generated.get(path) or path.read_text(encoding='utf-8')
-        for page, path in paths.items()
-    }
-    path = ROOT / _MESSAGES_PAGE
-    page = path.read_text(encoding='utf-8')
-    return {path: with_table(page, messages.catalogue(texts), messages.BEGIN, messages.END)}
+    return result
 
 
 def _literal(parameter: Parameter) -> str:
@@ -151,7 +128,7 @@ def _literal(parameter: Parameter) -> str:
 
 
 def _meaning(parameter: Parameter) -> str:
-    return parameter.description + (' A change needs a restart.' if parameter.fixed else '')
+    return parameter.description + (' Needs a restart.' if parameter.fixed else '')
 
 
 # The annotated files.
@@ -211,10 +188,15 @@ def markdown_table(parameters: Iterable[Parameter], named: Iterable[Parameter]) 
     """Return a table. :param named: the parameters of the names in the default lists."""
     head = '| parameter | default | allowed | meaning |\n| --- | --- | --- | --- |\n'
     rows = (
-        (f'`{p.name}`', _defaults(p, named), p.allowed, _CODE.sub(r'`\g<0>`', _meaning(p)))
+        (f'`{p.name}`', _defaults(p, named), _allowed(p), _CODE.sub(r'`\g<0>`', _meaning(p)))
         for p in parameters
     )
     return head + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+
+
+def _allowed(parameter: Parameter) -> str:
+    """Return the allowed values; which kind of number they are is seen in the default."""
+    return _NUMBER.sub('', parameter.allowed)
 
 
 def _defaults(parameter: Parameter, named: Iterable[Parameter]) -> str:

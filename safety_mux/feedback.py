@@ -41,7 +41,7 @@ class FeedbackInput(Input):
 
     def measured(self, speeds: Demand, now: float) -> None:
         """Record a good message; rad/s, one number a joint."""
-        self.hear(now)
+        self.well_formed(now)
         self.speeds = speeds
         self._at_zero = True
 
@@ -82,7 +82,7 @@ class FeedbackInput(Input):
             self._told_at = now
             self.speeds = self._unknown  # what was measured before says nothing of it
 
-    def go_on(self, before: 'FeedbackInput') -> None:
+    def continue_from(self, before: 'FeedbackInput') -> None:
         """Wait for the standstill that the one before, of the same joints, has not seen."""
         self.fault, self._told_at = before.fault, before._told_at
 

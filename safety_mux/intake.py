@@ -127,7 +127,7 @@ class Intake:
         try:
             speeds = self._named.among(message.name, message.velocity)
         except MalformedInput as error:
-            self.arbiter.feedback_invalid(str(error), now)
+            self.arbiter.malformed('feedback', 'feedback', str(error), now)
         else:
             self.arbiter.measured(speeds, now)
         return False
@@ -139,7 +139,7 @@ class Intake:
         try:
             sample = self.mappings[name].sample(message.axes, message.buttons)
         except MalformedInput as error:
-            self.arbiter.operator_invalid(name, str(error), now)
+            self.arbiter.malformed('operator', name, str(error), now)
             return False
         self.arbiter.operator_sample(name, sample, now)
         self.presses[name].hear(message.buttons, now)
@@ -151,7 +151,7 @@ class Intake:
         try:
             demand = self._autonomy_demand(message)
         except MalformedInput as error:
-            self.arbiter.autonomy_invalid(str(error), now)
+            self.arbiter.malformed('autonomy', AUTONOMY, str(error), now)
         else:
             self.arbiter.autonomy_command(demand, now)
         return False

@@ -239,9 +239,9 @@ class SafetyMux(ManagedNode):
         before, gates = self._arbiter, self._gated_joys
         self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
         self._build()
-        self._arbiter.go_on(before, clock.now())
+        self._arbiter.continue_from(before, clock.now())
         for name in gates.keys() & self._gated_joys.keys():
-            self._gated_joys[name].go_on(gates[name])
+            self._gated_joys[name].continue_from(gates[name])
 
     def _keep_watching(self) -> None:
         """

@@ -137,7 +137,7 @@ class GatedJoy:
         self._pacer = Pacer(_NEUTRAL_PERIOD)
         self._pacer.start(-math.inf)
 
-    def go_on(self, before: GatedJoy) -> None:
+    def continue_from(self, before: GatedJoy) -> None:
         """Be neutral from now on if ``before``, which this one replaces, was."""
         self._heard = before._heard
 

@@ -18,6 +18,7 @@ from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.protocol import AuxFunction
@@ -70,7 +71,7 @@ class SscBridge(BridgeNode[Event]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *parameter_table({}))
     BRIDGE = BRIDGE
     LINK = ProcessLink
-    SERVICES = {LOCKOUT: (Session.lock_out,)}
+    SERVICES = {LOCKOUT: Call.of(Session.lock_out)}
 
     def __init__(self, **options: Any) -> None:
         self._streaming = False  # sticks that ask for something were published last

@@ -29,6 +29,7 @@ class Ours:
         self.command, self.stop = REST, False
         self.frozen = False
         self._opened = False
+        self._now = 0.0
         self._due = -math.inf
 
     def receive(self, frame: CanFrame, now: float) -> None:
@@ -38,6 +39,7 @@ class Ours:
     def poll(self, now: float) -> list[CanFrame]:
         if self.frozen:
             return []
+        self._now = now
         if not self._opened:
             self._opened = True
             sent = self._keep(self.session.opened(now))
@@ -55,6 +57,8 @@ class Ours:
     def _keep(self, output: tuple[list[Any], list[CanFrame]]) -> list[CanFrame]:
         events, frames = output
         self.events += events
+        for frame in frames:
+            self.session.sent(frame, self._now)
         return frames
 
 

@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import itertools
 from typing import Any, TypeVar
 
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
 from akron_can_bridge.session import Handover, Session, Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import RETRY
 from stage.session_rig import SessionBench
 
 OURS, UNIT = 0x38, 0x80
@@ -95,10 +95,9 @@ class Bench(SessionBench[Session]):
 
     def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
         events, frames = output
-        refused = list(map(self.refuses, frames))
-        for frame in itertools.compress(frames, refused):
-            self.session.refused(frame, self.now)
-        taken = [frame for frame, lost in zip(frames, refused, strict=True) if not lost]
+        taken = [frame for frame in frames if not self.refuses(frame)]
+        if len(taken) < len(frames):
+            self._retry_at = self.now + RETRY
         return super()._keep((events, taken))
 
     def open(self, before: Handover | None = None, *, lost: bool = False) -> list[Any]:

@@ -17,6 +17,7 @@ from bridge_core.report import LinkStatus, Report
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import TransportError
 from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.request import Call
 from bridge_core.transports.wire import Bridge
 from stage.rig import holds_for, wait_for
 
@@ -266,7 +267,7 @@ class Bench:
 
     def do(self, function: Callable[[float], object], key: str = '', *, stop: bool = False) -> int:
         """Have the wire's thread call ``function`` with the time; return the request's number."""
-        return self.link.request('do', function, key=key, stop=stop)
+        return self.link.request(Call('do', (function,)), key=key, stop=stop)
 
     def wait_open(self) -> None:
         wait_for(

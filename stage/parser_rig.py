@@ -6,7 +6,7 @@
 from dataclasses import replace
 from typing import Any
 
-from bridge_core.framing import Reader, StreamParser, Unknown
+from bridge_core.framing import StreamParser, Unknown
 
 
 def frames_of(parser: StreamParser[Any]) -> StreamParser[bytes]:
@@ -14,15 +14,9 @@ def frames_of(parser: StreamParser[Any]) -> StreamParser[bytes]:
     format_ = parser._format
     decode = format_.decode
 
-    def checked(frame: bytes) -> bytes | Unknown | None:
+    def checked(frame: bytes) -> bytes | Unknown:
         message = decode(frame)
-        return message if message is None or isinstance(message, Unknown) else frame
+        return message if isinstance(message, Unknown) else frame
 
-    def located(read: Reader[Any]) -> Reader[bytes]:
-        return lambda buffer, start, end: (
-            None if read(buffer, start, end) is None else buffer[start:end]
-        )
-
-    readers = {head: (size, located(read)) for head, (size, read) in format_.readers.items()}
-    parser._format = replace(format_, decode=checked, readers=readers)
+    parser._format = replace(format_, decode=checked)
     return parser

@@ -47,9 +47,14 @@ def patient_config(values: Mapping[str, Any]) -> MuxConfig:
 # Before others import it from there.
 vars(configuration).update(mux_config=patient_config)
 vars(watchdog).update(FreezeWatch=PatientFreezeWatch)
-vars(process).update(SILENCE_LIMIT=TIMEOUT_FACTOR, _SPARE_TIME=TIMEOUT_FACTOR)
 vars(process).update(_PROGRAM=patient_wire.__name__)
-vars(process).update(dict.fromkeys(('_KILL_TIME', '_TAKE_OVER_TIME'), 2.0 * TIMEOUT_FACTOR))
+process.ProcessLink.TIMES = replace(
+    process.ProcessLink.TIMES,
+    silence=TIMEOUT_FACTOR,
+    spare=TIMEOUT_FACTOR,
+    kill=2.0 * TIMEOUT_FACTOR,
+    take_over=2.0 * TIMEOUT_FACTOR,
+)
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
 vars(runner).update(_ACKNOWLEDGE_LIMIT=TIMEOUT_FACTOR)
 vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR, STALL_LIMIT=TIMEOUT_FACTOR)

@@ -42,6 +42,8 @@ EVERY = 0.05  # seconds between messages of each input
 class Bench:
     """An arbiter with inputs that keep sending what they are set to; None is silence."""
 
+    step = TICK  # s between two ticks
+
     def __init__(self, config: MuxConfig = CONFIG) -> None:
         limit = JointLimit(magnitude=1.0, acceleration=10.0, deceleration=10.0)
         self.arbiter = Arbiter(config, JointLimiter([limit] * config.joints), 0.0)
@@ -72,11 +74,11 @@ class Bench:
 
     def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
         """Let time pass; return the last decision."""
-        for _ in range(round(seconds / TICK)):
-            self.now += TICK
+        for _ in range(round(seconds / self.step)):
+            self.now += self.step
             if self.now >= self.next_message:
                 self.send()
-                self.next_message = self.now + EVERY - TICK / 2
+                self.next_message = self.now + EVERY - self.step / 2
             self.decision = self.arbiter.tick(self.now)
             if check is not None:
                 check(self.decision)

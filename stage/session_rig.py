@@ -3,11 +3,19 @@
 
 """A session and its clock, for tests: a wire's part, without a thread or a port."""
 
+from collections.abc import Sequence
+import math
 from typing import Any, Generic, TypeVar
 
 from bridge_core.session import RETRY
 
 SessionT = TypeVar('SessionT', bound=Any)
+
+
+def tell_sent(session: Any, frames: Sequence[Any], now: float, *, busy: bool = False) -> None:
+    """Tell a session which frames of its last poll or farewell went out, as a wire does."""
+    for frame in frames:
+        (session.refused if busy else session.sent)(frame, now)
 
 
 class SessionBench(Generic[SessionT]):
@@ -24,7 +32,7 @@ class SessionBench(Generic[SessionT]):
         self.events: list[Any] = []
         self.sent: list[tuple[float, Any]] = []
         self.busy = False  # the line takes no frame
-        self._retry_at = 0.0
+        self._retry_at = -math.inf  # not before, as the line took no frame
 
     def open(self) -> list[Any]:
         """Open the port; return the events, as all these methods do."""
@@ -48,7 +56,7 @@ class SessionBench(Generic[SessionT]):
         """Poll at every deadline."""
         before, end = len(self.events), self.now + seconds
         for _ in range(10_000):
-            due = max(self.session.deadline(), self._retry_at, self.now)
+            due = max(self.session.deadline(), self.now, self._retry_at)
             if due > end:
                 break
             self.now = due
@@ -61,11 +69,9 @@ class SessionBench(Generic[SessionT]):
     def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
         events, frames = output
         self.events += events
-        for frame in frames:
-            if self.busy:
-                self._retry_at = self.now + RETRY
-                self.session.refused(frame, self.now)
-            else:
-                self.session.sent(frame, self.now)
-                self.sent.append((self.now, frame))
+        tell_sent(self.session, frames, self.now, busy=self.busy)
+        if not self.busy:
+            self.sent += [(self.now, frame) for frame in frames]
+        elif frames:
+            self._retry_at = self.now + RETRY
         return events

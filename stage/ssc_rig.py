@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import struct
 from typing import Any
 
+from bridge_core.session import RETRY
 from ssc_bridge.channels import Failsafe, Servo
 from ssc_bridge.session import OutputsSent, Session, Settings
 
@@ -108,6 +109,12 @@ class Rig:
     def poll(self) -> None:
         self._take(self.session.poll(self.now))
 
+    def retry(self) -> None:
+        """Poll again as a wire does that had a frame which the line did not take."""
+        assert self.session.deadline() <= self.now + RETRY
+        self.now += RETRY
+        self.poll()
+
     def do(self, action: Callable[[Session, float], None]) -> None:
         """Carry out a request and poll, as a wire does."""
         try:
@@ -139,13 +146,15 @@ class Rig:
         for frame in frames:
             assert build_frame(frame[2], frame[4:-2]) == frame
             if self.busy and frame[2] in (20, 21):
-                self.session.refused(frame, self.now)
                 continue
+            self.session.sent(frame, self.now)
             self.sent.append((self.now, frame[2], frame[4:-2]))
             if frame[2] in range(10, 16) and frame[2] not in self.mute:
                 answers += self.answer(frame[2])
         if answers:
             self._take(self.session.receive(answers, self.now))
+        if self.session.deadline() < self.now and not self.busy:
+            self.poll()  # at once, as a wire does
 
     def of(self, kind: type) -> list[Any]:
         return [event for event in self.events if isinstance(event, kind)]

@@ -22,6 +22,7 @@ from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
 from bridge_core.runner import run
 from bridge_core.transports.link import Link
 from bridge_core.transports.process import ProcessLink
+from bridge_core.transports.request import Call
 from stage.rig import NodeProcess
 from stage.toy_wire import BRIDGE, FAULTS, PING, Session
 
@@ -50,7 +51,7 @@ class ToyBridge(BridgeNode[None]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *TOY_PARAMETERS)
     BRIDGE = BRIDGE
-    SERVICES = {PING: (Session.ping,)}
+    SERVICES = {PING: Call.of(Session.ping)}
 
     def __init__(self, name: str = 'toy_bridge', **options: Any) -> None:
         super().__init__(name, **options)

@@ -82,6 +82,11 @@ def is_running(pid: int) -> bool:
     return bool(state) and state[0] not in 'ZX'
 
 
+def runs(pid: int) -> bool:
+    """Tell whether a process may do anything: it has neither ended nor is it stopped."""
+    return is_running(pid) and _stat(pid)[:1] != ['T']
+
+
 def command_of(pid: int) -> str:
     """Return the command line, as ps shows it."""
     return _read(pid, 'cmdline').replace('\0', ' ')

@@ -13,7 +13,7 @@ from typing import Any
 
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire_process
-from bridge_core.transports.wire import Request, Wire
+from bridge_core.transports.request import Activate, Request
 from bridge_core.transports.wire_process import Node, TURN
 
 STEP = 0.125  # s
@@ -68,7 +68,7 @@ class End:
         return bool(self.queue) or self.other.closed
 
 
-class Child:
+class Process:
     """
     A process that is a spare, then the wire; to the link its Popen.
 
@@ -79,7 +79,7 @@ class Child:
 
     pid = 1
 
-    def __init__(self, world: Any, before: Child | None) -> None:
+    def __init__(self, world: Any, before: Process | None) -> None:
         self.world = world
         self.before = before  # the wire that it is the spare of
         self.ours, self.theirs = End(), End()
@@ -185,8 +185,8 @@ class Child:
             self.node.link_changed('unplugged', False)
 
     def serve(self, request: Request) -> None:
-        if request.name in Wire.COMMANDS:
-            wanted = request.arguments[0]['to'] if request.arguments else ''
+        if request.is_command:
+            wanted = request.what.values['to'] if isinstance(request.what, Activate) else ''
             if wanted is not None:
                 self.leave()
                 self.active = wanted

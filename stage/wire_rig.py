@@ -13,7 +13,8 @@ from bridge_core.report import Report
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import wire
 from bridge_core.transports.link import Mailbox
-from bridge_core.transports.wire import Bridge, Request, Wire
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
+from bridge_core.transports.wire import Bridge, Wire
 from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner, FakeSession, FakeTransport
 
@@ -190,9 +191,11 @@ class WireBench:
 
     def ask(self, name: str, *arguments: Any, **options: Any) -> int:
         """Put a request, and return its number. :param options: of Request."""
+        return self.put(Call(name, arguments), **{'key': name, **options})
+
+    def put(self, what: Call | Activate | Deactivate, key: str = '', **options: Any) -> int:
         self._number += 1
-        options = {'at': self.now, 'key': name, **options}
-        request = Request(self._number, name=name, arguments=arguments, **options)
+        request = Request(self._number, key, what, **{'at': self.now, **options})
         self.requests.put(request, True)
         return self._number
 
@@ -201,7 +204,7 @@ class WireBench:
 
     def activate(self, *, resting: bool = False) -> None:
         """Have it open the port; see ``step``."""
-        self.ask('activate', {}, resting, stop=True)
+        self.put(Activate({}, resting), stop=True)
 
     def begin_opening(self) -> None:
         """Activate it, and step, with a port that takes until ``open_ports`` to open."""
@@ -210,7 +213,7 @@ class WireBench:
         self.step()
 
     def deactivate(self) -> None:
-        self.ask('deactivate', stop=True)
+        self.put(Deactivate(), stop=True)
 
     def open(self, *, resting: bool = False) -> None:
         """Activate it, and step until the port is open and nothing is left to do."""

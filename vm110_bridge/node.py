@@ -201,7 +201,11 @@ class Vm110Bridge(BridgeNode[Event]):
         self._request_with_data(Session.send_command, message, 'send_command', each=True)
 
     def _request_with_data(
-        self, method: Callable[..., Any], message: Any, key: str, **options: bool
+        self,
+        method: Callable[[Session, bytes, float], object],
+        message: Any,
+        key: str,
+        **options: bool,
     ) -> None:
         try:
             data = convert.data_of(message)

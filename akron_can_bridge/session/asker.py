@@ -115,20 +115,19 @@ class Asker:
 
     def due(self, now: float) -> list[Sendable]:
         """Return what is to be sent now."""
-        messages: list[Sendable] = []
+        return [
+            message
+            for question in self._open.values()
+            if now >= question.send_at
+            for message in question.missing.values()
+        ]
+
+    def sent(self, data: bytes, now: float) -> None:
+        """Note that a question went out: a poll is repeated, what acts on the unit is not."""
         for request, question in self._open.items():
-            if now >= question.send_at:
-                messages += question.missing.values()
+            if data in (message.to_bytes() for message in question.missing.values()):
                 again = now + RESEND_PERIOD
                 question.send_at = again if request in _POLLS else question.give_up_at
-        return messages
-
-    def refused(self, data: bytes, now: float) -> None:
-        """Have what is sent once be sent anew: it did not go out. Polls are repeated anyway."""
-        for request, question in self._open.items():
-            sent = [message.to_bytes() for message in question.missing.values()]
-            if request not in _POLLS and data in sent:
-                question.send_at = now
 
     def drop(self, reason: str) -> list[Answer]:
         """Give up all of them; return what to tell."""

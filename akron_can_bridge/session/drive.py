@@ -9,6 +9,8 @@ Frames leave every 20 ms while the port is open. They are neutral unless all of 
 - the session's ``estop`` is false;
 - the e-stop input was heard within ``estop_in_timeout`` and is false;
 - a command was heard within ``command_timeout``;
+- a frame went out within the 200 ms after which the unit forgets a joystick: a switch that is held
+  would be pressed anew;
 - it began with a neutral one, heard while all else held.
 
 Whatever ended it, what was asked before is forgotten, and it takes a neutral command to begin
@@ -19,12 +21,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import itertools
 import math
 
 from akron_can_bridge.protocol import (
     BasicJoystick,
     ExtendedJoystick,
     JOYSTICK_PERIOD,
+    JOYSTICK_TIMEOUT,
     NEUTRAL,
     PAUSE_SWITCH,
     Permission,
@@ -33,8 +37,8 @@ from akron_can_bridge.protocol import (
     Status,
 )
 from akron_can_bridge.session.settings import Settings
-from bridge_core.j1939 import CanFrame
-from bridge_core.session import Pacer, RETRY
+from bridge_core.j1939 import CanFrame, J1939Id
+from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
@@ -71,32 +75,33 @@ class Drive:
         self._settings = settings
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
+        self._said = Watchdog(JOYSTICK_TIMEOUT)  # by a frame that went out
         self._limited = Watchdog(settings.estop_in_timeout)
         self._directions: Permission | None = None  # permitted at most; None: nobody ever said
         self._refusal = ''
         self._is_open = False  # what is asked goes out
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
-        self._pause_until = -math.inf
-        self._pressed = False  # in a frame of this press
-        self._begins_press = False  # the last frame, if it went out
+        self._press_until = -math.inf
+        self._pressing = False  # the last frame pressed the pause switch
         self._pacer = Pacer(JOYSTICK_PERIOD)
-        self._extended_due = math.inf  # again, as the line took only the first one of a slot
+        self._extended_pacer = Pacer(JOYSTICK_PERIOD)
         self._permissive_pacer = Pacer(PERMISSIVE_PERIOD)
         self._permissive: tuple[int | None, Permission] = (None, _NOTHING)  # as sent last
         self._revoke: int | None = None  # whom to take back what was permitted
-        # The last two, as they were before the last A1.
-        self._before: tuple[int | None, tuple[int | None, Permission]] = None, (None, _NOTHING)
 
     def start(self, now: float) -> None:
-        """Begin with neutral frames."""
+        """Have a frame of each kind go at once, and periodically from then on."""
         self._pacer.start(now)
+        if self._settings.extended:
+            self._extended_pacer.start(now)
 
     def stop(self) -> None:
         """Send no more."""
         self._pacer.stop()
-        self._extended_due = math.inf
+        self._extended_pacer.stop()
         self._permissive_pacer.stop()
+        self._said.reset()
         self._revoke = None
 
     def forget(self) -> None:
@@ -106,7 +111,7 @@ class Drive:
         self._refusal = ''
         self._is_open = False
         self._command = REST
-        self._pause_until = -math.inf
+        self._press_until = -math.inf
         unit, permitted = self._permissive
         if permitted:
             self._revoke = unit
@@ -134,20 +139,28 @@ class Drive:
         return self._command.basic.oscillates and not self._command.extended.automatic
 
     def pause(self, now: float) -> None:
-        """Press oscillate pause / resume once, with a neutral stick."""
-        self._pause_until = now + PAUSE_TIME
-        self._pressed = False
+        """
+        Press oscillate pause / resume once, with a neutral stick.
+
+        Not if the line takes no frame for a slot: somebody else may have paused it by then.
+        """
+        self._press_until = now + JOYSTICK_PERIOD
+        self._pressing = False
         self._pacer.start(now)
+
+    def _presses(self, now: float) -> bool:
+        return now < self._press_until and not self.moving
 
     @property
     def due(self) -> float:
         """The moment at which a frame is due."""
-        return min(self._pacer.due, self._extended_due, self._permissive_pacer.due)
+        return min(self._pacer.due, self._extended_pacer.due, self._permissive_pacer.due)
 
     @property
     def deadlines(self) -> tuple[float, ...]:
-        """When inputs go stale, even if that is past."""
-        return (self._heard.deadline, self._estop_in.deadline, self._limited.deadline)
+        """When inputs, or what the unit holds, go stale, even if that is past."""
+        watched = (self._heard, self._estop_in, self._said, self._limited)
+        return tuple(each.deadline for each in watched)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
@@ -212,6 +225,8 @@ class Drive:
         if self._is_open:
             self._end_command(now)
             self._command = command
+            if self.moving:  # a press that went on behind it would resume what it paused
+                self._press_until = -math.inf
 
     def _end_command(self, now: float) -> None:
         if self.pushes:
@@ -223,78 +238,71 @@ class Drive:
         self._refusal = reason
 
     def joystick_frames(self, now: float) -> list[CanFrame]:
-        """Return the frames of this slot, if it is due."""
-        slot = self._pacer.is_due(now)
-        if not slot and now < self._extended_due:
+        """Return the frames that are due."""
+        due = self._pacer.is_due(now), self._extended_pacer.is_due(now)
+        if not any(due):
             return []
-        self._extended_due = math.inf
-        if not slot:
-            return self._frames(self._command)[1:]
-        self._pacer.sent(now)
-        if self._pressed and self.moving:  # a second press would resume what the first paused
-            self._pause_until = -math.inf
-        pausing = now < self._pause_until and not self.moving
-        self._begins_press = pausing and not self._pressed
-        self._pressed = self._pressed or pausing
-        return self._frames(_PAUSE if pausing else self._command)
-
-    def stick_refused(self, now: float) -> bool:
-        """Have a frame go soon in place of the last; tell if it was to press, so that none did."""
-        self._pacer.start(now + RETRY)
-        if self._begins_press:
-            self._pause_until = -math.inf
-        return self._begins_press
-
-    def extended_refused(self, now: float) -> None:
-        """Have the second frame of a slot go soon, alone: the first one went out."""
-        self._extended_due = now + RETRY
+        command = _PAUSE if self._presses(now) else self._command
+        return list(itertools.compress(self._frames(command), due))
 
     def permissive_frames(
         self, now: float, unit: int | None, permitted: Permission
     ) -> list[CanFrame]:
         """Return the A1 that is due: periodically, and at once when it changes."""
-        source = self._settings.source_address
-        self._before = self._revoke, self._permissive
-        revoke, self._revoke = self._revoke, None
-        if revoke is not None and revoke != unit:
-            return [SoePermissive(_NOTHING).to_frame(source, revoke)]
+        if self._revoke not in (None, unit):
+            self._permissive_pacer.start(now)
+            return [self._permission(_NOTHING, self._revoke)]
         if not self._settings.soe_permissive or unit is None:
             self._permissive_pacer.stop()
             self._permissive = (None, _NOTHING)
             return []
         if (unit, permitted) != self._permissive:
             self._permissive_pacer.start(now)
-        if not self._permissive_pacer.is_due(now):
-            return []
-        self._permissive_pacer.sent(now)
-        self._permissive = (unit, permitted)
-        return [SoePermissive(permitted).to_frame(source, unit)]
+        return [self._permission(permitted, unit)] * self._permissive_pacer.is_due(now)
 
-    def permission_refused(self, now: float) -> None:
-        """Stand by the A1 that went out last, and have another one go soon."""
-        self._revoke, self._permissive = self._before
-        self._permissive_pacer.start(now + RETRY)
+    def stick_sent(self, now: float) -> bool:
+        """Note that PGN 64982 went out; tell whether it begins to press the pause switch."""
+        self._pacer.sent(now)
+        self._said.feed(now)
+        begins = self._presses(now) and not self._pressing
+        self._pressing = self._presses(now)
+        if begins:
+            self._press_until = now + PAUSE_TIME
+        return begins
+
+    def extended_sent(self, now: float) -> None:
+        """Note that PGN 64983 went out."""
+        self._extended_pacer.sent(now)
+
+    def permission_sent(self, frame: CanFrame, now: float) -> None:
+        """Note that an A1 went out."""
+        self._permissive_pacer.sent(now)
+        self._revoke = None
+        unit = J1939Id.from_identifier(frame.identifier).destination
+        self._permissive = (unit, SoePermissive.from_bytes(frame.data).permitted)
 
     def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
         """Return neutral, and no permission. No switch: a toggle may start what it is to end."""
         self._shut(['the node leaves'], now)
-        frames = self._frames(REST)
+        frames = self._frames(REST)[: 1 + self._settings.extended]
         if self._settings.soe_permissive and unit is not None:
-            frames += [SoePermissive(_NOTHING).to_frame(self._settings.source_address, unit)]
+            frames.append(self._permission(_NOTHING, unit))
         return frames * FAREWELL_FRAMES
 
     def _frames(self, command: Command) -> list[CanFrame]:
         source = self._settings.source_address
-        frames = [command.basic.to_frame(source)]
-        if self._settings.extended:
-            frames.append(command.extended.to_frame(source))
-        return frames
+        return [command.basic.to_frame(source), command.extended.to_frame(source)]
+
+    def _permission(self, permitted: Permission, unit: int) -> CanFrame:
+        return SoePermissive(permitted).to_frame(self._settings.source_address, unit)
 
     def _missing(self, now: float) -> list[str]:
         if self._refusal:
             return [f'command refused: {self._refusal}']
         if self._heard.expired(now):
             return [f'command is stale: {self._heard.describe(now)}']
+        if self.moving and self._said.expired(now):
+            return ['the bus took no frame for 200 ms, so the unit forgot what was held']
         return []
 
     def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
@@ -303,5 +311,5 @@ class Drive:
         self._end_command(now)
         self._command = REST
         self.last_stop = tuple(reasons)
-        self._pacer.start(now)
+        self.start(now)
         return self.last_stop

@@ -113,13 +113,7 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True)
 class PausePressed:
-    """
-    A stop presses oscillate pause / resume, once.
-
-    :param sent: False: the line did not take it, and it is not pressed any more.
-    """
-
-    sent: bool = True
+    """A stop presses oscillate pause / resume, once: the first frame of it went out."""
 
 
 @dataclass(frozen=True, slots=True)

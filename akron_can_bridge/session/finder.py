@@ -14,13 +14,15 @@ from __future__ import annotations
 import math
 
 from akron_can_bridge.parameters import CONTROLLERS
-from akron_can_bridge.protocol import AddressAnnouncement, AKRON_BRASS, Name
+from akron_can_bridge.protocol import AddressAnnouncement, AKRON_BRASS, Message, Name
 from akron_can_bridge.session.events import DeviceChanged
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import NULL_ADDRESS
 
 REQUEST_PERIOD = 1.0
 LEAST_REQUEST_PERIOD = 0.1  # somebody who claims on and on must not make us flood the bus
+# Longer than a change of address takes (0.25 s, J1939-81) and whatever comes every 100 ms.
+_RESTART_SILENCE = 0.5
 _MANY = 32  # other devices that are remembered
 
 
@@ -48,6 +50,8 @@ class Finder:
         self._asked_at = -math.inf
         self._owes_request = True  # to all, since the start, whatever is heard
         self._due = math.inf
+        self._restarted = False  # our unit, since its reset was asked for: it was silent for long
+        self._claimed = False  # its address since then, with nobody asking
 
     @property
     def known(self) -> bool:
@@ -124,6 +128,7 @@ class Finder:
             self.namesake = None
         self._names[source] = name
         is_ours = self._is_ours(source, name)
+        self._claimed |= is_ours and not self._is_asked(now)
         if is_ours and source == self.address:
             self._name = name
         fixed = self._settings.unit_address
@@ -140,27 +145,40 @@ class Finder:
         """Note that NAMEs are asked for, by us or by anybody."""
         self._asked_at = now
 
-    def is_asked(self, now: float) -> bool:
+    def _is_asked(self, now: float) -> bool:
         """Tell whether what is claimed and announced may be an answer."""
         return now <= self._asked_at + REQUEST_PERIOD
 
-    def restarts(self, source: int, name: Name, now: float) -> bool:
-        """Tell whether a claim is our unit's, and no answer to a NAME request."""
-        return self._is_ours(source, name) and not self.is_asked(now)
+    def expect_reset(self) -> None:
+        """Look from now on for what tells that our unit was reset."""
+        self._restarted = self._claimed = False
+
+    def heard_after(self, silence: float) -> None:
+        """Note that our unit is heard. :param silence: s since it was heard before."""
+        self._restarted |= silence >= _RESTART_SILENCE
+
+    def is_back(self, message: Message, now: float) -> bool:
+        """
+        Tell whether the unit says this as one that was reset: it acknowledges nothing.
+
+        It announces itself when anybody asks, too, and somebody may ask each second for ever; so
+        does one that ignores the reset. A claim is less than a silence: it may defend its address.
+        """
+        if self.unit is None:  # at its fixed address; it never announced itself
+            return self._restarted
+        announced = isinstance(message, AddressAnnouncement)
+        return announced and (self._restarted or (self._claimed and not self._is_asked(now)))
 
     def request_due(self, now: float, *, heard: bool) -> bool:
         """Tell whether a NAME request is to go out now. :param heard: our unit is."""
         found = heard and self.address is not None and not self._owes_request
-        if found or now < self._due:
-            return False
+        return not found and now >= self._due
+
+    def request_sent(self, now: float) -> None:
+        """Note that a NAME request went out."""
         self.asked(now)
         self._owes_request = False
         self._due = now + REQUEST_PERIOD
-        return True
-
-    def request_refused(self, now: float) -> None:
-        """Ask anew: the NAME request did not go out."""
-        self._owes_request, self._due = True, now
 
     def rivals(self) -> list[str]:
         """Return the PINs that ``device_type`` fits as well as it fits our unit's."""

@@ -5,72 +5,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 import math
 from typing import Any
 
+from akron_can_bridge import protocol
 from akron_can_bridge.parameters import Cause, MINI_UNIVERSAL
-from akron_can_bridge.protocol import (
-    AddressAnnouncement,
-    BASIC_JOYSTICK_PGN,
-    BasicJoystick,
-    DigitalInputs,
-    EnterSetup,
-    EXTENDED_JOYSTICK_PGN,
-    ExtendedJoystick,
-    Fault,
-    FaultStatus,
-    FIELD_REQUEST_PGN,
-    FieldRequest,
-    Message,
-    MessageType,
-    MiniOutputs,
-    Name,
-    NAME_PGN,
-    Permission,
-    PositionLimit,
-    PROPRIETARY_PGN,
-    RotationSoftLimits,
-    Status,
-    VistaPoll,
-)
-from akron_can_bridge.session import report, stops
+from akron_can_bridge.protocol import BasicJoystick, ExtendedJoystick, MessageType, Permission
+from akron_can_bridge.session import events, report, stops
 from akron_can_bridge.session.asker import Asker, in_words
 from akron_can_bridge.session.decoder import FrameDecoder, JOYSTICK_PGNS, Received
 from akron_can_bridge.session.drive import Command, Drive
-from akron_can_bridge.session.events import (
-    DeviceChanged,
-    Event,
-    FaultsChanged,
-    Handover,
-    HandoverWanted,
-    LimitsChanged,
-    OutputsChanged,
-    PausePressed,
-    Positions,
-    Request,
-    Stopped,
-    UnitChanged,
-)
+from akron_can_bridge.session.events import Event, Handover, Request
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
 from akron_can_bridge.session.motion import Motion, Oscillation
 from akron_can_bridge.session.settings import Settings
-from akron_can_bridge.session.unit import Unit
+from akron_can_bridge.session.unit import NO_FAULT, Unit
 from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
 from bridge_core.session import Answer, Level, Pacer, Session as BaseSession, Verdict
 
-# Longer than a change of address takes (0.25 s, J1939-81) and whatever comes every 100 ms.
-_RESTART_SILENCE = 0.5
-FAULT_PERIOD = 1.0  # of fault polls while something is wrong
 # All that this session takes, as (identifier, mask); the priority does not count.
 FILTERS = (
-    (BASIC_JOYSTICK_PGN << 8, 0x03FFFF00),
-    (EXTENDED_JOYSTICK_PGN << 8, 0x03FFFF00),
-    (NAME_PGN << 8, 0x03FF0000),
-    (FIELD_REQUEST_PGN << 8, 0x03FF0000),
-    (PROPRIETARY_PGN << 8, 0x03FF0000),
+    *((pgn << 8, 0x03FFFF00) for pgn in JOYSTICK_PGNS),
+    (protocol.NAME_PGN << 8, 0x03FF0000),
+    (protocol.FIELD_REQUEST_PGN << 8, 0x03FF0000),
+    (protocol.PROPRIETARY_PGN << 8, 0x03FF0000),
 )
+# Types that count whoever sends them: announcements, and broadcasts of a 6033 and a 6039.
 _FROM_ANYONE = tuple(
     bytes((kind,))
     for kind in (
@@ -79,8 +41,7 @@ _FROM_ANYONE = tuple(
     )
 )
 _DIRECTIONS = sum(Permission)
-_NAME_REQUEST = FieldRequest().to_bytes()
-_NO_FAULT = FaultStatus(Fault(0), 0)
+_NAME_REQUEST = protocol.FieldRequest().to_bytes()
 _IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
 _NOT_INFORMED = 'this node has yet to tell what it knew of the unit before'
 # What must not meet a moving unit, and what it is called meanwhile.
@@ -89,9 +50,6 @@ _AT_REST = {
     Request.RESET_CONTROLLER: 'the unit is being reset',
     Request.ENTER_SETUP: 'the unit is being put into setup mode',
 }
-
-
-_STANDING = (Request.ZERO_POSITIONS, Request.ENTER_SETUP)  # a reset ends any motion
 
 
 class Session(BaseSession[CanFrame, Received, Event]):
@@ -120,17 +78,12 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._automatic_until = -math.inf  # when a stop took that back
         self._in_setup = False  # the unit, or it may be
         self._informed = False  # of what a session before this one knew
-        self._handover: Handover | None = None  # as reported last
-        self._restarted = False  # the unit, since it was asked to be reset: it was silent for long
-        self._claimed = False  # its address since then, with nobody asking
-        self._limits, self._outputs = LimitsChanged(), OutputsChanged()  # as reported last
-        self._device = DeviceChanged()  # as reported last
-        self._in_error = False  # type 01 says operational error
         self._faults: tuple[str, ...] = ()  # as reported last
-        self._faults_at = -math.inf  # when they were asked for or reported
+        first = (events.LimitsChanged(), events.OutputsChanged(), events.DeviceChanged())
+        self._reported: dict[type, Event] = {type(event): event for event in first}
         self._vista = Pacer(1.0 / settings.vista_rate) if settings.vista_rate else None
 
-    # What is known.
+    # -- what is known ----------------------------------------------------------------------------
 
     def causes(self, now: float) -> dict[Cause, str]:
         """Say what is a stop where ``estop_on`` lists it, and what to do; nothing while closed."""
@@ -174,41 +127,46 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """Return figures by name, in the manual's words."""
         return report.values(self, now)
 
-    # The link's side; the base has the rest.
+    # -- the link's side; the base has the rest ---------------------------------------------------
 
-    def refused(self, frame: CanFrame, now: float) -> None:
-        """Take back what a frame that did not go out counted as, and try again soon."""
+    def sent(self, frame: CanFrame, now: float) -> None:
+        """Count a frame as sent: it went out."""
         pgn = J1939Id.from_identifier(frame.identifier).pgn
-        if pgn == BASIC_JOYSTICK_PGN:
-            if self.drive.stick_refused(now):
-                self.presses -= 1
-                self.oscillation.forget()
-                self._emit(PausePressed(sent=False))
-        elif pgn == EXTENDED_JOYSTICK_PGN:
-            self.drive.extended_refused(now)
-        elif pgn == FIELD_REQUEST_PGN:
-            self.finder.request_refused(now)
-        elif pgn == PROPRIETARY_PGN and frame.data[0] == MessageType.SOE_PERMISSIVE:
-            self.drive.permission_refused(now)
+        if pgn == protocol.BASIC_JOYSTICK_PGN:
+            self._stick_sent(now)
+        elif pgn == protocol.EXTENDED_JOYSTICK_PGN:
+            self.drive.extended_sent(now)
+        elif pgn == protocol.FIELD_REQUEST_PGN:
+            self.finder.request_sent(now)
+        elif frame.data[0] == MessageType.SOE_PERMISSIVE:
+            self.drive.permission_sent(frame, now)
+        elif frame.data[0] == MessageType.VISTA and self._vista is not None:
+            self._vista.sent(now)
         else:
-            self._asker.refused(frame.data, now)
+            self._asker.sent(frame.data, now)
+
+    def _stick_sent(self, now: float) -> None:
+        if self.settings.pause_on_stop and self.drive.oscillates:
+            self.oscillation.ask(now)
+        if self.drive.stick_sent(now):
+            self.oscillation.press(now)
+            self.presses += 1
+            self._emit(events.PausePressed())
 
     def farewell(self, now: float) -> list[CanFrame]:
         """Return neutral frames, and none of the permission."""
-        if not self._open:
-            return []
-        return self.drive.farewell(self.finder.address, now)
+        return self.drive.farewell(self.finder.address, now) if self._open else []
 
     def _begin(self, now: float) -> None:
         self.drive.start(now)
         self.finder.start(now)
         if not self._informed:  # again after lost messages: the question may be among them
-            self._emit(HandoverWanted())
+            self._emit(events.HandoverWanted())
 
     def _forget(self, now: float, reason: str) -> None:
         self._in_setup |= self._asker.is_open(Request.ENTER_SETUP)
-        self._handover = None  # what was reported may be lost, too
-        self._report(self._asker.drop(reason))
+        self._reported.pop(Handover, None)  # what was reported may be lost, too
+        self._emit_all(self._asker.drop(reason))
         self.drive.forget()
         self.unit.forget()
         self.motion.forget()
@@ -225,11 +183,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if sender.pgn in JOYSTICK_PGNS:
             self.joysticks.hear(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
-            self._report(self.joysticks.take(content, sender.source, now))
-        elif isinstance(content, Name):
-            self._claimed |= self.finder.restarts(sender.source, content, now)
+            self._emit_all(self.joysticks.take(content, sender.source, now))
+        elif isinstance(content, protocol.Name):
             self._unit_changed(self.finder.claimed(sender.source, content, now))
-        elif isinstance(content, FieldRequest):
+        elif isinstance(content, protocol.FieldRequest):
             self.finder.asked(now)
         elif content is not None:
             self._take_proprietary(content, sender.source, now)
@@ -259,29 +216,20 @@ class Session(BaseSession[CanFrame, Received, Event]):
                 self._meet(now)
             else:
                 self.unit.lost()
-                self._in_error = False
         self._was_up = self.link_up
         if self._asker.overdue(Request.POLL_FAULTS, now):
             self.unit.faults = None
         self._in_setup |= self._asker.overdue(Request.ENTER_SETUP, now)
-        self._report(self._asker.expire(now))
+        self._emit_all(self._asker.expire(now))
         self._follow_motion(now)
-        reasons = self.drive.watch(now, self._holds())
-        if reasons:
-            self._emit(Stopped(reasons))
-        self._report(self.joysticks.expire(now, stopped=self.estop))
+        if reasons := self.drive.watch(now, self._holds()):
+            self._emit(events.Stopped(reasons))
+        self._emit_all(self.joysticks.expire(now, stopped=self.estop))
         self.unit.expire(now)
-        limits, outputs = self.unit.limits(now), self.unit.outputs(now)
-        if limits != self._limits:
-            self._emit(limits)
-        if outputs != self._outputs:
-            self._emit(outputs)
-        self._limits, self._outputs = limits, outputs
-        device = self.finder.describe()
-        if device != self._device:
-            self._device = device
-            self._emit(device)
-        self._hand_over(now)
+        self._emit_changes(self.unit.limits(now), self.unit.outputs(now), self.finder.describe())
+        if self._informed:  # see take_over
+            in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
+            self._emit_changes(Handover(in_setup, self.finder.pin))
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at(), self._asker.deadline]
@@ -293,13 +241,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return self.drive.due  # what waits longer goes with a slot
 
     def _due_frames(self, now: float) -> list[CanFrame]:
-        frames = self.drive.joystick_frames(now)
-        if frames and self.settings.pause_on_stop and self.drive.oscillates:
-            self.oscillation.ask(now)
-        frames += self.drive.permissive_frames(now, self.finder.address, self._permitted(now))
-        return frames + self._questions(now)
+        return [
+            *self.drive.joystick_frames(now),
+            *self.drive.permissive_frames(now, self.finder.address, self._permitted(now)),
+            *self._questions(now),
+        ]
 
-    # What the node asks.
+    # -- what the node asks -----------------------------------------------------------------------
 
     def set_command(self, basic: BasicJoystick, extended: ExtendedJoystick, now: float) -> None:
         """Take a command; see the module ``drive`` for what it takes to go out."""
@@ -349,7 +297,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
         :param lost: its process ended without a farewell: the same unit is followed.
         """
         self._expire(now)
-        self._informed, self._handover = True, None
+        self._informed = True
+        self._reported.pop(Handover, None)
         if before is not None:
             if lost and self.finder.keep(before.pin):
                 self._forget_all(now, 'another unit answered first')
@@ -367,35 +316,36 @@ class Session(BaseSession[CanFrame, Received, Event]):
             raise ValueError(self.causes(now).get(Cause.LINK, 'no unit is heard at present'))
         if request in _AT_REST and self.drive.moving:
             raise ValueError('motion is commanded; let go of the stick first')
-        if request in _STANDING and (what := self.motion.describe(now)):
+        what = self.motion.describe(now)
+        if request in (Request.ZERO_POSITIONS, Request.ENTER_SETUP) and what:  # a reset ends it
             raise ValueError(f'the unit {what}; stop it first')
         if request in _AT_REST and (others := self.joysticks.moving(now)):
             names = ', '.join(f'{address:02X}' for address in others)
             raise ValueError(f'motion is commanded by joystick {names}; let go of it first')
         if request is Request.RESET_CONTROLLER and not self._asker.is_open(request):
-            self._restarted = self._claimed = False
+            self.finder.expect_reset()
         self._asker.start(request, now, asked=True)
         self._refresh(now)
 
-    # Motion that a neutral stick does not end.
-
-    @property
-    def _asked_until(self) -> float:
-        """Until when somebody asked the unit to move; infinite: somebody does."""
-        if self.drive.pushes or self._automatic:
-            return math.inf
-        return max(self._automatic_until, self.drive.asked_until, self.joysticks.asked_until)
+    # -- motion that a neutral stick does not end -------------------------------------------------
 
     @property
     def _coasted_at(self) -> float:
-        """When motion of the unit becomes one that nobody asks for."""
-        return max(self.motion.began_at, self._asked_until) + self.settings.coast_time
+        """When motion of the unit becomes one that nobody asks for; infinite: somebody does."""
+        if self.drive.pushes or self._automatic:
+            return math.inf
+        asked_until = (self._automatic_until, self.drive.asked_until, self.joysticks.asked_until)
+        return max(self.motion.began_at, *asked_until) + self.settings.coast_time
 
     def _follow_motion(self, now: float) -> None:
         """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
         self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
         self.joysticks.automatic_asked = False
-        self._follow_oscillation(now)
+        if self.settings.pause_on_stop:
+            # What may explain an oscillation, or may have paused it, beside the unit's controls.
+            others = self.joysticks.present(now) or not self.finder.alone
+            if others or (self.drive.pushes and not self.drive.oscillates):
+                self.oscillation.forget()
         self._is_held &= self.drive.pushes
         if not self.drive.forbidden(now, self._holds()):
             pushed = self.drive.pushes and not self._is_held
@@ -405,15 +355,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if self._automatic:
             self._automatic, self._automatic_until = False, now
 
-    def _follow_oscillation(self, now: float) -> None:
-        """Note what may explain an oscillation, or may have paused it, beside its own controls."""
-        if not self.settings.pause_on_stop:
-            return
-        others = self.joysticks.present(now) or not self.finder.alone
-        if others or (self.drive.pushes and not self.drive.oscillates):
-            self.oscillation.forget()
-
-    def _take_oscillation(self, message: RotationSoftLimits, now: float) -> None:
+    def _take_oscillation(self, message: protocol.RotationSoftLimits, now: float) -> None:
         """
         Pause an oscillation of ours in a stop, by the first type 81 of the stop.
 
@@ -428,35 +370,22 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if self._busy() or not self.motion.moving(now):
             self.oscillation.forget()
             return
-        self.oscillation.press(now)
+        self.oscillation.is_ours = False  # there is one try
         self.drive.pause(now)
-        self.presses += 1
-        self._emit(PausePressed())
 
     def _withhold(self) -> None:
         """Give no permission before a stick was let go, and is pushed."""
         self.withheld = self._is_held = True
         self.joysticks.stop()
 
-    def _hand_over(self, now: float) -> None:
-        """Report what a session after this one would have to know, once it has changed."""
-        if not self._informed:
-            return  # see take_over
-        in_setup = self._in_setup or self._asker.is_open(Request.ENTER_SETUP)
-        handover = Handover(in_setup, self.finder.pin)
-        if handover != self._handover:
-            self._handover = handover
-            self._emit(handover)
-
     def _permitted(self, now: float) -> Permission:
         stopped = self.withheld or self.drive.forbidden(now, self._holds())
         return Permission(0) if stopped else self.drive.directions(now)
 
-    # Questions to the unit.
+    # -- questions to the unit --------------------------------------------------------------------
 
     def _meet(self, now: float) -> None:
         """Ask what is asked of a unit that is heard for the first time, or again."""
-        self._faults_at = -math.inf
         if not self.unit.versions_known:
             self._asker.start(Request.POLL_VERSIONS, now)
         if self._vista is not None:
@@ -479,107 +408,80 @@ class Session(BaseSession[CanFrame, Received, Event]):
         # A unit that is being reset announces itself: unasked, or it would be no sign of that.
         resetting = self._asker.is_open(Request.RESET_CONTROLLER)
         if not resetting and self.finder.request_due(now, heard=self.link_up):
-            frames.append(FieldRequest().to_frame(source))
-        if self._wants_faults(now):
-            self._faults_at = now
+            frames.append(protocol.FieldRequest().to_frame(source))
+        if self.link_up and self.unit.wants_fault_poll(now):
+            self.unit.fault_poll_began(now)
             self._asker.start(Request.POLL_FAULTS, now)
-        messages = self._asker.due(now)
         if unit is None:
             return frames
+        messages = self._asker.due(now)
         if self._vista is not None and self.link_up and self._vista.is_due(now):
-            self._vista.sent(now)
-            messages.append(VistaPoll())
+            messages.append(protocol.VistaPoll())
         return frames + [message.to_frame(source, unit) for message in messages]
 
-    def _wants_faults(self, now: float) -> bool:
-        """Tell whether a fault poll is due: all is not well, or no type 01 would say so."""
-        if not self.link_up or now < self._faults_at + FAULT_PERIOD:
-            return False
-        said = self.unit.broadcast(PositionLimit, now)
-        tells = said is not None and said.operational_error is not Status.NOT_AVAILABLE
-        return self._in_error or self.unit.faults != _NO_FAULT or not tells
-
-    # What the unit and its neighbours say.
+    # -- what the unit and its neighbours say -----------------------------------------------------
 
     def _concerns_us(self, sender: J1939Id, data: bytes) -> bool:
         """Tell whether a frame is for us; PGN EF00 is every maker's own."""
-        if sender.pgn == FIELD_REQUEST_PGN:
+        if sender.pgn == protocol.FIELD_REQUEST_PGN:
             to_unit = sender.destination in (GLOBAL_ADDRESS, self.finder.address)
             return to_unit and data == _NAME_REQUEST
-        if sender.pgn != PROPRIETARY_PGN:
-            return sender.pgn == NAME_PGN or sender.pgn in JOYSTICK_PGNS
+        if sender.pgn != protocol.PROPRIETARY_PGN:
+            return sender.pgn == protocol.NAME_PGN or sender.pgn in JOYSTICK_PGNS
         if sender.destination not in (GLOBAL_ADDRESS, self.settings.source_address):
             return False
         return sender.source == self.finder.address or data[:1] in _FROM_ANYONE
 
     def _is_ours(self, sender: J1939Id) -> bool:
         """Tell whether what a frame claims to be is what it must be."""
-        return sender.pgn != PROPRIETARY_PGN or sender.source == self.finder.address
+        return sender.pgn != protocol.PROPRIETARY_PGN or sender.source == self.finder.address
 
-    def _take_proprietary(self, message: Message, source: int, now: float) -> None:
-        if isinstance(message, AddressAnnouncement):
+    def _take_proprietary(self, message: protocol.Message, source: int, now: float) -> None:
+        if isinstance(message, protocol.AddressAnnouncement):
             self._unit_changed(self.finder.announced(source, message, now))
         if source == self.finder.address:
-            self._restarted |= self._heard.age(now) >= _RESTART_SILENCE
+            self.finder.heard_after(self._heard.age(now))
             self._heard.feed(now)
             self._take_status(message, now)
-        elif isinstance(message, DigitalInputs) or (
-            isinstance(message, MiniOutputs) and self.settings.unit_type != MINI_UNIVERSAL
+        elif isinstance(message, protocol.DigitalInputs) or (
+            isinstance(message, protocol.MiniOutputs) and self.settings.unit_type != MINI_UNIVERSAL
         ):
             self.unit.take(message, now, neighbour=source)
 
-    def _take_status(self, message: Message, now: float) -> None:
+    def _take_status(self, message: protocol.Message, now: float) -> None:
         """Take what our unit says."""
         self.unit.take(message, now)
-        if isinstance(message, PositionLimit):
+        if isinstance(message, protocol.PositionLimit):
             self.motion.take(message, now)
-            self._take_position(message)
-        elif isinstance(message, RotationSoftLimits):
+            angles = message.rotation.radians, message.elevation.radians
+            self._emit(events.Positions(*angles))
+        elif isinstance(message, protocol.RotationSoftLimits):
             self._take_oscillation(message, now)
-        elif isinstance(message, EnterSetup):
+        elif isinstance(message, protocol.EnterSetup):
             self._in_setup = True
-        elif isinstance(message, FaultStatus):
-            self._take_faults(message, now)
-        if not isinstance(message, AddressAnnouncement):
-            self._report(self._asker.answered(message))
-        if self._asker.is_open(Request.RESET_CONTROLLER) and self._is_back(message, now):
+        elif isinstance(message, protocol.FaultStatus):
+            faults = () if message == NO_FAULT else (in_words(message),)
+            if faults != self._faults:
+                self._faults = faults
+                self._emit(events.FaultsChanged(faults))
+        if not isinstance(message, protocol.AddressAnnouncement):
+            self._emit_all(self._asker.answered(message))
+        if self._asker.is_open(Request.RESET_CONTROLLER) and self.finder.is_back(message, now):
             self._in_setup = False
-            self._report(self._asker.returned(self.finder.name))
-
-    def _is_back(self, message: Message, now: float) -> bool:
-        """
-        Tell whether the unit says this as one that was reset: it acknowledges nothing.
-
-        It announces itself when anybody asks, too, and somebody may ask each second for ever; so
-        does one that ignores the reset. A claim is less than a silence: it may defend its address.
-        """
-        if self.finder.unit is None:  # at its fixed address; it never announced itself
-            return self._restarted
-        if not isinstance(message, AddressAnnouncement):
-            return False
-        return self._restarted or (self._claimed and not self.finder.is_asked(now))
-
-    def _take_position(self, message: PositionLimit) -> None:
-        in_error = message.operational_error in (Status.ON, Status.ERROR)
-        if in_error and not self._in_error:
-            self._faults_at = -math.inf
-        self._in_error = in_error
-        self._emit(Positions(message.rotation.radians, message.elevation.radians))
-
-    def _take_faults(self, message: FaultStatus, now: float) -> None:
-        self.unit.faults = message
-        if not self._in_error:  # or it may be older than the error
-            self._faults_at = now
-        faults = () if message == _NO_FAULT else (in_words(message),)
-        if faults != self._faults:
-            self._faults = faults
-            self._emit(FaultsChanged(faults))
+            self._emit_all(self._asker.returned(self.finder.name))
 
     def _unit_changed(self, text: str) -> None:
         if text:
             pin = '' if self.finder.unit is None else self.finder.unit.pin
-            self._emit(UnitChanged(text, pin, self.finder.device_type))
+            self._emit(events.UnitChanged(text, pin, self.finder.device_type))
 
-    def _report(self, events: Sequence[Event | Answer]) -> None:
-        for event in events:
+    def _emit_all(self, found: Iterable[Event | Answer]) -> None:
+        for event in found:
             self._emit(event)
+
+    def _emit_changes(self, *found: Event) -> None:
+        """Report each that differs from what was reported last of its kind."""
+        for event in found:
+            if self._reported.get(type(event)) != event:
+                self._reported[type(event)] = event
+                self._emit(event)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from typing import TypeVar
 
 from akron_can_bridge.protocol import (
@@ -15,6 +16,7 @@ from akron_can_bridge.protocol import (
     DigitalInputs,
     DigitalOutputs,
     ElevationSoftLimits,
+    Fault,
     FaultStatus,
     FirmwareVersion,
     Message,
@@ -36,6 +38,8 @@ _BROADCASTS = (
 )
 VERSIONS = (FirmwareVersion, PcodeVersion, ConfigVersion)
 _KEPT = (*VERSIONS, VistaData, VistaPosition, AsciiPipe, DiagnosticData)
+FAULT_PERIOD = 1.0  # s, of fault polls while something is wrong
+NO_FAULT = FaultStatus(Fault(0), 0)
 M = TypeVar('M', bound=Message)
 
 
@@ -72,6 +76,8 @@ class Unit:
             kind: _Broadcast(timeout) for kind in _BROADCASTS
         }
         self._kept: dict[type[Message], Message] = {}
+        self._in_error = False  # type 01 says operational error
+        self._faults_at = -math.inf  # when they were asked for or told
 
     def take(self, message: Message, now: float, *, neighbour: int | None = None) -> None:
         """Keep what a message says. :param neighbour: its sender, where that is not the unit."""
@@ -80,6 +86,27 @@ class Unit:
             self._broadcasts[kind].take(message, now, neighbour)
         elif kind in _KEPT:
             self._kept[kind] = message
+        if isinstance(message, FaultStatus):
+            self.faults = message
+            if not self._in_error:  # or it may be older than the error
+                self._faults_at = now
+        elif isinstance(message, PositionLimit):
+            in_error = message.operational_error in (Status.ON, Status.ERROR)
+            if in_error and not self._in_error:
+                self._faults_at = -math.inf
+            self._in_error = in_error
+
+    def wants_fault_poll(self, now: float) -> bool:
+        """Tell whether a fault poll is due: all is not well, or no type 01 would say so."""
+        if now < self._faults_at + FAULT_PERIOD:
+            return False
+        said = self.broadcast(PositionLimit, now)
+        tells = said is not None and said.operational_error is not Status.NOT_AVAILABLE
+        return self._in_error or self.faults != NO_FAULT or not tells
+
+    def fault_poll_began(self, now: float) -> None:
+        """Note that its faults are being asked for."""
+        self._faults_at = now
 
     @property
     def deadline(self) -> float:
@@ -130,7 +157,7 @@ class Unit:
 
     def lost(self) -> None:
         """Forget what a unit that is not heard may have changed meanwhile."""
-        self.faults = None
+        self.faults, self._in_error, self._faults_at = None, False, -math.inf
         for kind in (VistaData, VistaPosition):
             self._kept.pop(kind, None)
 

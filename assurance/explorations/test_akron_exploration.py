@@ -49,8 +49,8 @@ PERMITTED = 0.3  # s for which a permission holds at the unit
 FOREIGN = 1.0  # s for which a foreign joystick is a stop
 APART = (  # see Memory
     'refused', 'moves', 'other_frames', '_stream', '_names', 'motion', 'asked_until',
-    '_automatic_until', '_due', '_asked_at', '_handover', '_before', 'oscillation', 'presses',
-    '_device', '_misfit', '_misfit_heard',
+    '_automatic_until', '_due', '_asked_at', '_reported', 'oscillation', 'presses',
+    '_misfit', '_misfit_heard',
 )  # fmt: skip
 
 

@@ -215,7 +215,7 @@ class World(Remembered):
         if key in self.live:
             return
         for _ in range(2):  # the first one may only end a trip
-            if self.arbiter._state is State.STOPPED:
+            if self.arbiter.state is State.STOPPED:
                 self.step('reset')
                 for _ in range(QUIET):
                     self.step('')

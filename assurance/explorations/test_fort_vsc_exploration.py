@@ -35,7 +35,7 @@ SAID = {
 }
 VALID = ('ok', 'src', 'user', 'both', 'unlinked', 'strange')
 APART = (  # see Memory
-    '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_before', '_said',
+    '_settled_at', '_rejected_lately', '_looped_back_lately', 'rejected', '_offered',
     '_asked_at', '_heard_at', '_connected_at', '_identity',
 )  # fmt: skip
 
@@ -114,19 +114,16 @@ class World(SessionWorld[Session]):
 
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
         events, frames = output
-        if self.busy:
-            for frame in frames:
-                self.session.refused(frame, self.now)
-            frames = []
+        frames = [] if self.busy else frames
         super().keep((events, frames))
-        for frame in frames:
-            if frame == STOP and self.sent == CLEAR:
+        for each in frames:
+            if each == STOP and self.sent == CLEAR:
                 self.ours = True
-            elif frame == CLEAR and self.sent == STOP:
+            elif each == CLEAR and self.sent == STOP:
                 self.released_at = self.now
-            self.owed &= frame != STOP
+            self.owed &= each != STOP
             self.spoke = True
-            self.sent = frame
+            self.sent = each
 
     @property
     def busy(self) -> bool:

@@ -18,26 +18,27 @@ from unittest.mock import patch
 
 from assurance.explorer import Memory, Remembered, START, visits_of
 from bridge_core.session import StopChanged
+from bridge_core.supervisor import Stage, Times
 from bridge_core.transports import process, wire_process
+from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from bridge_core.transports.wire_process import TURN
 from stage.toy_wire import BRIDGE
-from stage.wire_children import Child, ROOM, STEP, Values
+from stage.wire_children import Process, ROOM, STEP, Values
 
 SILENCE = 2 * STEP
-LIMITS: dict[str, Any] = {
-    'SILENCE_LIMIT': SILENCE,
-    '_KILL_TIME': 3 * STEP,
-    '_TAKE_OVER_TIME': 4 * STEP,
-    '_START_TIME': 6 * STEP,
-    '_CLOSE_TIME': STEP,
-    '_SPARE_TIME': STEP,
-    '_LONG_LIFE': 3 * STEP,
-    '_FAULT_TIME': 2 * STEP,
-    '_REPORT_PERIOD': math.inf,
-    'BACKOFF_START': STEP,
-}
+TIMES = Times(
+    silence=SILENCE,
+    kill=3 * STEP,
+    take_over=4 * STEP,
+    start=6 * STEP,
+    close=STEP,
+    spare=STEP,
+    long_life=3 * STEP,
+    pause=STEP,
+    fault=2 * STEP,
+)
 STALLED = 4  # steps for which the node's thread gets no processor
 HALTED = 4 * STEP  # for which nobody gets one
 SOME, LONG = 4, 16  # steps, within all of which all gets well again
@@ -61,6 +62,8 @@ class InForce:
 class Link(ProcessLink):
     """Its processes are those of the world, and its thread is the test."""
 
+    TIMES = TIMES
+
     def __init__(self, world: World) -> None:
         self.world = world
         self.woken = False
@@ -71,10 +74,21 @@ class Link(ProcessLink):
     def _wake(self) -> None:
         self.woken = True
 
-    def _new_process(self, now: float) -> process._Process:
-        child: Any = Child(self.world, self.world.child('wire'))
-        self.world.children.append(child)
-        return process._Process(child, child.ours, now)
+    def _new_process(self) -> Child:
+        made: Any = Process(self.world, self.world.child('wire'))
+        self.world.children.append(made)
+        return Child(made, made.ours)
+
+
+def packed(message: Any) -> Any:
+    """Return a message as it goes over: nothing of it changes any more."""
+    if isinstance(message, Activate):
+        return Activate(Values(message.values['to']))  # type: ignore[arg-type]
+    return tuple(map(packed, message)) if type(message) is tuple else message
+
+
+def name_of(request: Request) -> str:
+    return type(request.what).__name__.lower()
 
 
 class World(Remembered):
@@ -97,7 +111,7 @@ class World(Remembered):
         self.words = {name: each.split() for name, each in words.items()}
         self.doing = {'device': 'clear', 'owner': 'well'}
         self.wanted: str | None = ''  # by the commands so far
-        self.children: list[Child] = []
+        self.children: list[Process] = []
         self.stopped = True  # so the owner was told
         self.failed_at = -math.inf  # the owner failed
         self.ended = self.moving = False  # the device may be, once a wire has an activation
@@ -161,56 +175,55 @@ class World(Remembered):
             child = self.child(who)
             if child is not None and (what == 'dies' or child.frozen == (what == 'thaws')):
                 yield f'{who} {what}'
-        waiting = [each.name for each in self.link._commands.values()]
+        waiting = [name_of(each) for each in self.link._orders._open.values()]
         if len(waiting) < OUTSTANDING:  # a node that got no answer deactivates first
             yield from (each for each in self.commands if waiting[-1:] != [each.split()[0]])
         for name, words in self.words.items():
             yield from (f'{name} {what}' for what in words if what != self.doing[name])
 
-    def child(self, who: str) -> Child | None:
+    def child(self, who: str) -> Process | None:
         end = self.link._wire if who == 'wire' else self.link._spare
-        child: Any = end and end.process
-        return child if child and child.alive else None
+        process: Any = end and end.process
+        return process if process and process.alive else None
 
     def step(self, event: str) -> None:
         self.wrong = ''
         calm = event in ('', 'stall', 'halt') and not self.stopped and self.in_order()
         both: dict[str, Any] = {
             'clock': SimpleNamespace(now=lambda: self.now),
-            'pickle': SimpleNamespace(dumps=lambda it: it, loads=lambda it: it),
+            'pickle': SimpleNamespace(dumps=packed, loads=lambda it: it),
         }
         ours: dict[str, Any] = {
             'ready': self.ready,
             'traceback': SimpleNamespace(print_exc=lambda: None),
         }
         with (
-            patch.multiple(process, **LIMITS, **both, **ours),
+            patch.multiple(process, **both, **ours, _REPORT_PERIOD=math.inf),
             patch.multiple(wire_process, **both, _BEAT_PERIOD=STEP),
         ):
             self.take_step(event)
         self.children = [each for each in self.children if each.alive]
-        self.renumber()
+        self.forget()
         assert not self.wrong, self.wrong
         self.judge()
-        assert not (calm and self.stopped), f'a stop for nothing: {self.link._trouble}'
+        assert not (calm and self.stopped), f'a stop for nothing: {self.link._state.trouble}'
 
     def in_order(self) -> bool:
         """Tell whether nobody gives a reason for a stop."""
         wire = self.child('wire')
         if wire is None or wire.frozen or wire.ran_at < self.now or wire.node._lost:
             return False
-        return not self.link._commands and self.doing == {'device': 'clear', 'owner': 'well'}
+        return not self.link._orders._open and self.doing == {'device': 'clear', 'owner': 'well'}
 
     def take_step(self, event: str) -> None:
         who, _, what = event.partition(' ')
         if event in COMMANDS:
             wanted = COMMANDS[event]
             self.wanted = self.wanted if wanted is None else wanted
-            arguments: tuple[Any, ...] = () if wanted == '' else (Values(wanted), False)
-            self.put(who, arguments)
+            self.put(Deactivate() if wanted == '' else Activate(Values(wanted)))  # type: ignore[arg-type]
         elif event == 'ask':
             for _ in range(ROOM + 1):
-                self.put('anything', ())
+                self.put(Call('anything'))
         elif event in ('end', 'crash', 'crash both'):
             self.leave(event)
             return
@@ -229,9 +242,9 @@ class World(Remembered):
             self.link._guarded_step()
         raise AssertionError('it turns and turns')
 
-    def put(self, name: str, arguments: tuple[Any, ...]) -> None:
+    def put(self, what: Call | Activate | Deactivate) -> None:
         number = 1 + max((0, *self.numbers()))
-        self.link._put(Request(number, name, name, arguments, 0.0, stop=True), True)
+        self.link._put(Request(number, '', what, 0.0, stop=True), True)
 
     def ready(self, readers: Sequence[int], timeout: float) -> list[int]:
         """Sleep as the link's thread would, until the end of this step at most."""
@@ -283,21 +296,29 @@ class World(Remembered):
 
     def numbers(self) -> Iterator[int]:
         """Yield the numbers of all commands that somebody remembers."""
-        link = self.link
-        yield from link._commands
-        yield from (each.number for each in (link._activation, link._before) if each)
-        for child in self.children:
-            yield from (each[0] for each in child.theirs.queue if each != TURN)
-            yield from (each[1][0] for each in child.ours.queue if each[0] == 'done')
+        orders = self.link._orders
+        yield from orders._open
+        yield from (each.number for each in (orders._activation, orders._before) if each)
+        for each in self.children:
+            yield from (word[0] for word in each.theirs.queue if word != TURN)
+            yield from (word[1][0] for word in each.ours.queue if word[0] == 'done')
 
-    def renumber(self) -> None:
+    def forget(self) -> None:
         """Forget what decides nothing, and count commands anew: so states end."""
-        link = self.link
-        link._trouble = link._trouble and 'trouble'
-        link._restarts = min(link._restarts, 1)
-        for each in (link._wire, link._spare):
-            if each is not None and each.ready:
+        state, orders = self.link._state, self.link._orders
+        state.trouble = state.trouble and 'trouble'
+        state.turns = min(state.turns, 2)
+        if state.spare is not Stage.LOADING:
+            state._started_at = START
+        if state.wire is Stage.NONE:
+            state._quiet_since = state._turn_at = START
+            state._killed_at = -math.inf
+        for each in self.children:
+            each.interrupted = False
+            if each.loaded:
                 each.started_at = START
+            if each.before is not None and not each.before.alive:
+                each.before = None
         ranks = {number: n for n, number in enumerate(sorted({*self.numbers()}), 1)}
         anew: dict[int, Request] = {}  # a command is one object, wherever it is remembered
 
@@ -306,25 +327,28 @@ class World(Remembered):
                 anew[request.number] = request._replace(number=ranks[request.number])
             return request and anew[request.number]
 
-        link._commands = {ranks[n]: renumbered(each) for n, each in link._commands.items()}
-        link._activation = renumbered(link._activation)
-        link._before = renumbered(link._before)
-        for child in self.children:
-            child.theirs.queue = deque(
-                each if each == TURN else (ranks[each[0]], *each[1:])
-                for each in child.theirs.queue
+        orders._open = {ranks[n]: renumbered(each) for n, each in orders._open.items()}
+        orders._activation = renumbered(orders._activation)
+        orders._before = renumbered(orders._before)
+        for each in self.children:
+            each.theirs.queue = deque(
+                word if word == TURN else (ranks[word[0]], *word[1:]) for word in each.theirs.queue
             )
-            child.ours.queue = deque(
-                (each[0], (ranks[each[1][0]], each[1][1]), each[2]) if each[0] == 'done' else each
-                for each in child.ours.queue
+            each.ours.queue = deque(
+                (word[0], (ranks[word[1][0]], word[1][1]), word[2]) if word[0] == 'done' else word
+                for word in each.ours.queue
             )
+
+    def key(self) -> tuple[Any, ...]:
+        """Name the state; once the node has left there is one."""
+        return ('ended',) if self.ended else super().key()
 
     # -- what is judged ---------------------------------------------------------------------------
 
     def judge_clear(self) -> None:
         """Check a word of the owner's that nothing demands a stop."""
         wire: Any = self.link._wire and self.link._wire.process
-        if self.now - self.failed_at < LIMITS['_FAULT_TIME']:
+        if self.now - self.failed_at < TIMES.fault:
             self.wrong = 'no stop, and what was not taken may have been one'
         if wire is None or self.now - wire.clear_at > SILENCE:
             self.wrong = 'no stop, and nobody has said so lately'
@@ -337,13 +361,18 @@ class World(Remembered):
         turns = [each.turn or TURN in each.theirs.queue for each in self.children]
         assert sum(turns) <= 1, 'two wires at once'
         wire = self.child('wire')
-        closes = any(each.name == 'deactivate' for each in self.link._commands.values())
+        closes = any(name_of(each) == 'deactivate' for each in self.link._orders._open.values())
         if not self.stopped:
             assert wire is not None, 'the wire is gone, and that is no stop'
             assert wire.silent < 2 + closes, 'the wire is silent, and that is no stop'
         if wire is not None and wire.turn:
             assert wire.silent <= 3, 'it hangs, and nobody ends it'
-        if wire is not None and wire.ran_at == self.now and not self.link._commands and wire.turn:
+        if (
+            wire is not None
+            and wire.ran_at == self.now
+            and not self.link._orders._open
+            and wire.turn
+        ):
             assert wire.active == self.wanted, 'a command is lost'
 
     def arrived(self) -> None:
@@ -356,7 +385,7 @@ class World(Remembered):
         self.play('', 'activate A', *[''] * SOME)
         if (key := self.key()) not in self.live:
             self.play(*[''] * LONG)
-            assert not self.stopped, f'no way out: {self.link._trouble}'
+            assert not self.stopped, f'no way out: {self.link._state.trouble}'
             self.live.add(key)
 
 
@@ -367,12 +396,15 @@ APART = (
 )
 OLD = {
     '': 0.0,
-    '_took_over_at': LIMITS['_LONG_LIFE'],
+    '_turn_at': TIMES.long_life,
+    '_quiet_since': TIMES.start,
+    '_started_at': TIMES.start,
+    '_killed_at': TIMES.kill,
     '_said_at': SILENCE + STEP,
     'queue': SILENCE + STEP,
-    'started_at': LIMITS['_START_TIME'],
+    'started_at': TIMES.start,
     '_told_at': STEP,
-    'failed_at': LIMITS['_FAULT_TIME'],
+    'failed_at': TIMES.fault,
     'clear_at': SILENCE + STEP,
     'stop_at': SILENCE + STEP,
     'ran_at': STEP,
@@ -393,7 +425,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (18138, 226985),
-    'commands': (7426, 80728),
+    'device': (9693, 142240),
+    'commands': (4723, 57444),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=1000)

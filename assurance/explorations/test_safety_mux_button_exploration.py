@@ -68,7 +68,7 @@ class Mux:
         self._refused_reset: Any = None
 
     def _reset(self) -> None:
-        was = self._arbiter._state
+        was = self._arbiter.state
         self.world.reset = self._arbiter.reset(self.world.now).ok and was is State.STOPPED
 
 
@@ -147,7 +147,7 @@ class World(Remembered):
         if stops or decision.state is not State.STOPPED:
             self.wrong_at = self.now
         self.mux._last_state = decision.state
-        self.changed_at = self.arbiter._transition.at
+        self.changed_at = self.arbiter.transition.at
         self.mux._button_watch.counted(1)
 
     def hear(self, said: str, number: int) -> None:
@@ -168,9 +168,9 @@ class World(Remembered):
         """Once all are in order, a press resets a mux that is stopped."""
         self.doing = {'button': 'up', 'source': 'clear'}
         self.play(*[''] * QUIET)
-        if self.arbiter._state is State.STOPPED:
+        if self.arbiter.state is State.STOPPED:
             self.play('button down', '', 'button up')
-        assert self.arbiter._state is not State.STOPPED, f'no way out: {self.mux._refused_reset}'
+        assert self.arbiter.state is not State.STOPPED, f'no way out: {self.mux._refused_reset}'
 
     def count_anew(self) -> None:
         """Forget what decides nothing, and have the newest number as ever: so states end."""
@@ -205,8 +205,8 @@ class World(Remembered):
 
     def give(self, memory: Any) -> None:
         super().give(memory)
-        last = self.arbiter._transition
-        self.arbiter._transition = replace(last, at=self.changed_at)
+        last = self.arbiter.transition
+        self.arbiter.transition = replace(last, at=self.changed_at)
 
 
 APART = (

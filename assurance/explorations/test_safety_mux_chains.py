@@ -96,8 +96,8 @@ class Plant:
         done = verb == 'reset' and self.arbiter.reset(self.now).ok
         self.decision = self.arbiter.tick(self.now)
         if self.decision.state in (State.READY, State.ACTIVE):
-            stopped = [n for n, source in self.arbiter._sources.items() if source.value]
-            counted = [n for n in stopped if self.arbiter._sources[n].config.counts == 'always']
+            stopped = [n for n, source in self.arbiter.sources.items() if source.value]
+            counted = [n for n in stopped if self.arbiter.sources[n].config.counts == 'always']
             assert not counted, f'{self.decision.state} with {counted} stopped'
         for name, device in self.devices.items():
             device.asked = self.decision.stop_demand[name]
@@ -105,15 +105,15 @@ class Plant:
 
     def key(self) -> tuple[Any, ...]:
         a = self.arbiter
-        parts: list[Any] = [a._state, a._through_zero, a._limiter.output, self.operator]
-        for moment in (a._tripped_at, a._reset_asked, a._clear_since):
+        parts: list[Any] = [a.state, a.through_zero, a.limiter.output, self.operator]
+        for moment in (a.trips.since, a.calls.last, a._clear_since):
             parts.append(None if moment is None else min(self.now - moment, CLEAR))
         for device in self.devices.values():
             parts += [device.pressed, device.alive, device.asked, device.stopped, device.passing]
-        for source in a._sources.values():
+        for source in a.sources.values():
             parts += [source.fresh(self.now), source.value, source.own]
             parts.append(source.fresh(self.now) and self.now - (source.watchdog._last or 0.0))
-        operator = a._operators['fort']
+        operator = a.operators['fort']
         since = operator.rest.since
         parts += [operator.rested, operator.holding]
         parts.append(None if since is None else min(self.now - since, CLEAR))
@@ -207,7 +207,7 @@ def test_silence_of_an_own_estop_is_a_demand() -> None:
     world.step('')
     assert world.decision is not None
     assert world.decision.stop_demand == {'vsc': True, 'vm110': False}
-    assert isinstance(world.arbiter._sources['vm110'], SourceInput)
+    assert isinstance(world.arbiter.sources['vm110'], SourceInput)
 
 
 def test_a_trip_wired_to_devices_is_ended_and_takes_one_reset() -> None:

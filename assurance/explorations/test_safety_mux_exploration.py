@@ -21,8 +21,9 @@ import pytest
 from assurance.explorer import check
 from safety_mux.arbiter import Arbiter
 from safety_mux.feedback import FeedbackInput
-from safety_mux.inputs import AutonomyInput, DriveInput, OperatorInput, OwnerInput, SourceInput
+from safety_mux.inputs import DriveInput, SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.owners import AutonomyInput, OperatorInput, OwnerInput
 from safety_mux.protocol import (
     Autonomy,
     Decision,
@@ -156,11 +157,13 @@ class Memory:
 
     @staticmethod
     def _slots(arbiter: Arbiter) -> Iterator[tuple[Any, str]]:
-        fixed = {'config', '_sources', '_operators', '_guards', '_autonomy', '_inputs', '_limiter'}
-        fixed |= {'_drive', '_feedback', '_named', '_speed_limits'}
+        fixed = {'config', 'sources', 'operators', 'guards', 'autonomy', 'inputs', 'limiter'}
+        fixed |= {'drives', 'feedback', '_named', 'speed_limits', 'calls', 'trips'}
         yield from ((arbiter, name) for name in vars(arbiter) if name not in fixed)
-        yield from ((arbiter._limiter, name) for name in ('_values', '_ramp'))
-        for each in arbiter._inputs:
+        yield from ((arbiter.limiter, name) for name in ('_values', '_ramp'))
+        yield from ((arbiter.calls, name) for name in ('last', 'go_on'))
+        yield from ((arbiter.trips, name) for name in ('since', 'new'))
+        for each in arbiter.inputs:
             yield from ((each, name) for name in ('faults', 'lapse'))
             yield each.watchdog, '_last'
             if isinstance(each, SourceInput):
@@ -195,15 +198,15 @@ class Memory:
             return None if moment is None else min(now - moment, self.old)
 
         a = self.arbiter
-        parts: list[Any] = [a._state, a._owner and a._owner.name, a._through_zero, a._settled]
-        parts += [bool(a._hold), age(a._tripped_at), bool(a._overruled)]
-        silence = max(CLEAR, a._resets_go_on * a.config.reset_silence)
-        parts.append(recent(a._reset_asked, now, silence))
-        parts.append(age(a._clear_since) if a._state is State.STOPPED else None)
-        parts += [age(a._owner_since) if a._owner else None, a._limiter.output]
+        parts: list[Any] = [a.state, a.owner and a.owner.name, a.through_zero, a._settled]
+        parts += [bool(a._hold), age(a.trips.since), bool(a.overruled)]
+        silence = max(CLEAR, a.calls.go_on * a.config.reset_silence)
+        parts.append(recent(a.calls.last, now, silence))
+        parts.append(age(a._clear_since) if a.state is State.STOPPED else None)
+        parts += [age(a._owner_since) if a.owner else None, a.limiter.output]
         parts.append(age(a._owned_until.get('high')))
-        parts.append(age(a._stopping_since) if a._state is State.STOPPING else None)
-        for each in a._inputs:
+        parts.append(age(a._stopping_since) if a.state is State.STOPPING else None)
+        for each in a.inputs:
             fresh = each.fresh(now)
             parts += [age(each.watchdog._last) if fresh else each.watchdog.heard]
             parts += [bool(each.faults), bool(each.lapse)]
@@ -219,7 +222,7 @@ class Memory:
                 parts.append(age(each._fast_since.get('joint')))
             if isinstance(each, OwnerInput):
                 parts.append(each.rested or age(each.rest.since) if fresh else None)
-                parts.append(each.demand if each is a._owner else None)
+                parts.append(each.demand if each is a.owner else None)
             if isinstance(each, AutonomyInput):
                 parts.append(each.selected)
             if isinstance(each, OperatorInput):
@@ -347,11 +350,11 @@ class World:
         elif name == 'joints':
             arbiter.measured((SPEEDS.get(what, math.nan),), now)
         elif name == 'autonomy' and what == 'bad':
-            arbiter.autonomy_invalid('not finite', now)
+            arbiter.malformed('autonomy', 'autonomy', 'not finite', now)
         elif name == 'autonomy':
             arbiter.autonomy_command(self.scene.wish(name, what), now)
         elif what == 'bad':
-            arbiter.operator_invalid(name, 'too few axes', now)
+            arbiter.malformed('operator', name, 'too few axes', now)
         else:
             arbiter.operator_sample(name, self.scene.sample(name, what), now)
 

@@ -70,7 +70,7 @@ class World(Remembered):
         name, _, what = event.partition(' ')
         if event == 'replaced':
             before, self.gate = self.gate, self.new_gate()
-            self.gate.go_on(before)
+            self.gate.continue_from(before)
         elif name:
             self.doing[name] = what
         says, has = self.doing['joy'] != 'silent', self.doing['control'] == 'yes'

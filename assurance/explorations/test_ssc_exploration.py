@@ -43,7 +43,7 @@ TILT = Servo(
 POSITIONS = {'up': 1.0, 'down': -1.0}
 APART = (  # see Memory
     'mismatches', 'unchecked', 'limited', 'refused_commands', 'looped_back', '_echo',
-    '_poller', '_aux_inputs', '_aux_outputs', '_channels', '_before', '_settled_at',
+    '_poller', '_aux_inputs', '_aux_outputs', '_channels', '_offered', '_settled_at',
 )  # fmt: skip
 
 
@@ -128,9 +128,12 @@ class World(SessionWorld[Session]):
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
         super().keep(output)
         for frame in output[1]:
+            self.session.sent(frame, self.now)
             if frame[2] == 20:
                 before, self.pulses = self.pulses, struct.unpack(f'>{OUTPUTS}H', frame[4:-2])
                 self.judge_pulses(self.pulses, before)
+        if output[1] and self.session.deadline() == -math.inf:
+            self.keep(self.session.poll(self.now))  # what was sent is told at once
 
     def judge_pulses(self, pulses: tuple[int, ...], before: tuple[int, ...] | None) -> None:
         """See that servos do what is asked, or else what is safe."""

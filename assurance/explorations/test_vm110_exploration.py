@@ -41,7 +41,7 @@ APART = (  # see Memory
     '_others', 'refused', 'delivered', 'repeats', 'bad_crc_at', 'other_crc_at', 'other_layout_at',
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
     'dropped_commands', '_known', '_missed', '_resumed_at', 'no_origin_at',
-    '_armed_at', '_taken_at', 'moves', 'doubles', 'second', '_told',
+    '_armed_at', '_taken_at', '_offered', 'moves', 'doubles', 'second', '_told',
 )  # fmt: skip
 
 
@@ -85,7 +85,7 @@ class World(SessionWorld[Session]):
             return Datagram(self.packet(what.removeprefix('twin')), TWIN)
         if what in ('late', 'latestopped'):
             late = SAID['stopped' if what == 'latestopped' else 'ok']
-            first = self.session.serials._newest is None
+            first = self.session.origin.serials._newest is None
             return build_packet('VRPI', late, self.serial - (not first), OURS)
         if what == 'copy':
             return build_packet('VRPI', SAID['ok'], self.serial, OURS)
@@ -112,8 +112,8 @@ class World(SessionWorld[Session]):
         for what in said:
             if what == 'silent':
                 continue
-            before = self.session.serials._newest
-            overtaken = self.session.serials._recent[1:2]
+            before = self.session.origin.serials._newest
+            overtaken = self.session.origin.serials._recent[1:2]
             self.keep(self.session.receive(self.packet(what), self.now))
             if not self.counts(what):
                 continue
@@ -178,7 +178,7 @@ class World(SessionWorld[Session]):
 
     def renumber(self) -> None:
         """Have numbers come from the same one on, as in every state."""
-        serials = self.session.serials
+        serials = self.session.origin.serials
         if serials._newest is not None:
             change = SERIAL - self.serial
             serials._newest += change

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A node's way to its wire: named requests go there, and what it tells comes back.
+A node's way to its wire: requests go there, and what it tells comes back.
 
 ``ThreadLink`` runs the wire in a thread of the node, for devices whose silence is safe, such as
 operator remotes. ``ProcessLink`` (process.py) runs it in a process of its own, for actuators,
@@ -20,8 +20,16 @@ from typing import Any, Protocol
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
+from bridge_core.transports.request import (
+    Activate,
+    Call,
+    Deactivate,
+    INPUT_LIMIT,
+    Request,
+    REQUEST_LIMIT,
+)
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge, INPUT_LIMIT, Owner, Request, REQUEST_LIMIT, Wire
+from bridge_core.transports.wire import Bridge, Owner, Wire
 
 ACTIVATE_TIME = 60.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal
@@ -82,8 +90,8 @@ class Link:
 
     def request(
         self,
-        name: str,
-        *arguments: Any,
+        call: Call,
+        *,
         key: str = '',
         each: bool = False,
         stop: bool = False,
@@ -91,12 +99,12 @@ class Link:
         received_at: float | None = None,
     ) -> int:
         """
-        Have the session's method ``name`` called with ``arguments`` soon; return a number.
+        Have the session called soon; return a number.
 
         A refusal comes to the owner's ``on_refused`` with that number. 0: no wire takes it now,
         and nobody waits for it.
 
-        :param key: of one key the newest request may be the only one; empty: the name.
+        :param key: of one key the newest request may be the only one; empty: the method.
         :param each: no request replaces this one.
         :param stop: no other request replaces this one, and age does not matter.
         :param waits: as of Request.
@@ -106,7 +114,7 @@ class Link:
         at, limit = clock.now(), REQUEST_LIMIT
         if received_at is not None:
             at, limit = received_at, INPUT_LIMIT
-        request = Request(number, key or name, name, arguments, at, limit, stop, waits)
+        request = Request(number, key or call.name, call, at, limit, stop, waits)
         return number if self._put(request, each) else 0
 
     def activate(self, values: dict[str, Any], *, resting: bool = False) -> None:
@@ -116,7 +124,7 @@ class Link:
         :raises ValueError: parameters that contradict each other.
         :raises TransportError: the wire does not answer.
         """
-        self._command(ACTIVATE_TIME, 'activate', values, resting)
+        self._command(ACTIVATE_TIME, Activate(values, resting))
 
     def deactivate(self) -> None:
         """
@@ -126,7 +134,7 @@ class Link:
         """
         if self._thread.is_alive():
             with contextlib.suppress(ValueError):  # a fault was logged, and the port is closed
-                self._command(ANSWER_TIME, 'deactivate')
+                self._command(ANSWER_TIME, Deactivate())
 
     def stop(self) -> None:
         """End the wire, farewell included; may be called twice. Raises nothing."""
@@ -134,7 +142,7 @@ class Link:
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout=ANSWER_TIME)
 
-    def _command(self, timeout: float, name: str, *arguments: Any) -> None:
+    def _command(self, timeout: float, command: Activate | Deactivate) -> None:
         if not self._thread.is_alive():
             raise TransportError(f'the link of {self.name} has ended')
         done = threading.Event()
@@ -146,7 +154,7 @@ class Link:
 
         number = next(self._numbers)
         self._waiting[number] = end
-        request = Request(number, name, name, arguments, clock.now(), stop=True)
+        request = Request(number, '', command, clock.now(), stop=True)
         self._put(request, True)
         answered = done.wait(timeout=timeout)
         self._waiting.pop(number, None)

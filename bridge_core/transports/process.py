@@ -10,86 +10,39 @@ ends. Where it died with the node, its spare says it: the node keeps what is in 
 spare finds it. When the node hangs, its requests grow stale at the session. When the wire is gone
 or hangs, the node demands a stop and another one takes over, which begins stopped: a spare process
 that has loaded all it needs and waits to be told, since a start takes long on a busy machine.
+
+What follows from what is decided in supervisor.py. Here are processes, sockets and signals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-from dataclasses import dataclass
-from itertools import takewhile
-import math
 import os
-from pathlib import Path
 import pickle
 import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
 import traceback
-from typing import Any
+from typing import Any, ClassVar
 
 from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.supervisor import Orders, Stage, Supervisor, Times
+from bridge_core.transports.child import Child
 from bridge_core.transports.link import ANSWER_TIME, Link
-from bridge_core.transports.wire import BACKOFF_START, Request, Wire
-from bridge_core.transports.wire_process import ENDING, InForce, receive, TURN
+from bridge_core.transports.request import Activate, Request
+from bridge_core.transports.wire_process import ENDING, InForce, TURN
 from bridge_core.waiting import FAULT_PAUSE, ready
 
 _PROGRAM = 'bridge_core.start_wire'
-SILENCE_LIMIT = 0.085  # s without any, after which the node demands a stop
-_KILL_TIME = 0.25  # s without any, after which another wire takes over
-_TAKE_OVER_TIME = 1.0  # s until the first; a machine that is so busy would start none sooner
 _LATE = 0.005  # s
-_START_TIME = 25.0  # s that a start may take; a starved machine needs most of it
-_CLOSE_TIME = 0.1  # s more, for a wire whose port is being closed: a slow line has bytes to send
 _LAST_WORDS = 0.2  # s to say why it cannot start, and end
-_SPARE_TIME = 1.0  # s after which a wire gets a spare; what starts is busy enough before
-_LONG_LIFE = 5.0  # s, after which the next start comes at once
 _REPORT_PERIOD = 1.0  # s
-_FAULT_TIME = 1.0  # s that the stop after a fault of the owner lasts
-_ROOM = 1 << 20  # bytes, for messages either way; the system may allow less
 _LARGEST = 1 << 16  # bytes of a request; any system has room for that
 _NOTHING_TAKEN = 'its wire takes nothing'
 _READS = 1024  # messages before the silence is judged again, and requests are refused
-
-
-@dataclass
-class _Process:
-    """
-    One that runs the wire, or a spare.
-
-    :param socket: to it.
-    :param started_at: s, as of clock.now.
-    :param ready: it has loaded what it needs; a spare waits to be told.
-    """
-
-    process: subprocess.Popen[bytes]
-    socket: socket.socket
-    started_at: float
-    ready: bool = False
-
-    def receive(self) -> bytes | None:
-        """Return what it says next, without waiting; empty: it has ended; None: nothing."""
-        return receive(self.socket)
-
-    def end(self, timeout: float) -> None:
-        """Have it end; one that takes longer than ``timeout`` s is killed, at 0 unasked."""
-        if timeout > 0.0:
-            self.ends(timeout)
-        self.process.kill()
-        self.process.wait()
-        self.socket.close()
-
-    def ends(self, timeout: float) -> bool:
-        """Have it end; tell whether it has within ``timeout`` s, farewell included."""
-        self.socket.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self.process.wait(timeout) == 0
-        return False
 
 
 class ProcessLink(Link):
@@ -100,29 +53,22 @@ class ProcessLink(Link):
     that hangs is silent, and nobody takes it for a healthy one.
     """
 
+    TIMES: ClassVar = Times()
+
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._lock = threading.Lock()  # of the next six
-        self._wire: _Process | None = None
-        self._commands: dict[int, Request] = {}  # not ended yet
-        self._activation: Request | None = None  # in force, or asked for
-        self._before: Request | None = None  # in force where that one is refused
+        self._state = Supervisor(self.TIMES, self._reconnect_period)
+        self._lock = threading.Lock()  # of the next four
+        self._wire: Child | None = None
+        self._orders = Orders()
         self._unsent: list[tuple[Request, str]] = []  # to be refused, and why
         self._in_force = InForce()  # what the wire has to be told, or ended for it
-        self._spare: _Process | None = None
+        self._spare: Child | None = None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._ended = False
         # What this process becomes later, it becomes for another node in it.
         self._begins_ordinary = os.sched_getscheduler(0) == os.SCHED_OTHER
-        self._restarts = -1  # the first is none
-        self._backoff = BACKOFF_START
-        self._start_at = self._took_over_at = self._pace_at = self._report_at = 0.0
-        self._limit = self._kill_at = 0.0  # of silence
-        self._sound_at = 0.0  # not before, after a fault of the owner
-        self._verdict: Verdict | None = None  # the wire's own
-        self._releases = False  # it is no stop, and the owner has not been told yet
-        self._said_at = 0.0  # when the wire said what was read last; 0: something before is lost
-        self._trouble = ''  # why there is no healthy wire
+        self._pace_at = self._report_at = 0.0
         self._last_end = 'none'
 
     # -- requests, from any thread ----------------------------------------------------------------
@@ -130,12 +76,8 @@ class ProcessLink(Link):
     def _put(self, request: Request, each: bool) -> bool:
         del each  # none replaces another: all are sent
         with self._lock:
-            if request.name == 'activate':
-                if self._activation is None or self._activation.number not in self._commands:
-                    self._before = self._activation
-                self._activation = request
-            if request.name in Wire.COMMANDS:
-                self._commands[request.number] = request
+            if request.is_command:
+                self._orders.give(request)
                 self._keep()
             why = self._send(request)
             refused = why != '' and (request.waits or why != _NOTHING_TAKEN)
@@ -147,13 +89,13 @@ class ProcessLink(Link):
     def deactivate(self) -> None:
         """Send the farewell and close the port; as of Link."""
         with self._lock:
-            idle = self._activation is None and not self._commands
-        if not idle:  # else there is no farewell to wait for, from a process that may just start
+            moves = self._orders.moves
+        if moves:  # else there is no farewell to wait for, from a process that may just start
             super().deactivate()
 
     def _send(self, request: Request) -> str:
         """Send it, if that is possible; return why not."""
-        if self._wire is None or not (self._wire.ready or request.name in Wire.COMMANDS):
+        if self._wire is None or not (self._state.has_loaded or request.is_command):
             # Commands wait. All else would fill the socket of a process that loads, which ended at
             # the first stop too many, and so would the next. It begins stopped without them.
             return _NOTHING_TAKEN
@@ -168,17 +110,19 @@ class ProcessLink(Link):
             return _NOTHING_TAKEN
         return ''
 
-    def _orders(self) -> list[Request]:
-        """Return what a wire has to be told that takes over: the activation, what is not done."""
-        activation = self._activation
-        if activation is not None and activation.number in self._commands:
-            activation = self._before
-        first = [] if activation is None else [activation]
-        return [self._informed(each) for each in (*first, *self._commands.values())]
+    def _to_tell(self) -> list[Request]:
+        """Return the orders for a wire that takes over: it has to know what was done before it."""
+        orders = self._orders.all()
+        for n, order in enumerate(orders):
+            if isinstance(order.what, Activate):
+                values, resting = order.what
+                known = self._owner.carried_over(values)  # of its port, maybe not that of now
+                orders[n] = order._replace(what=Activate({**values, **known}, resting))
+        return orders
 
     def _keep(self) -> None:
         """Keep that for the spare, which finds it there where node and wire die at once."""
-        self._in_force.keep(self._orders())
+        self._in_force.keep(self._to_tell())
 
     def _wake(self) -> None:
         if self._wake_fd >= 0:
@@ -201,74 +145,70 @@ class ProcessLink(Link):
         try:
             self._wait_and_step()
         except Exception:
-            self._take_as_stop(clock.now())
+            self._stop_for_fault(clock.now())
             return False
         return True
 
-    def _take_as_stop(self, now: float) -> None:
+    def _stop_for_fault(self, now: float) -> None:
         """Stop after a fault of the owner: what it did not take may have been one."""
-        if now >= self._sound_at:  # it may fail at every event
+        if self._state.failed(now):  # it may fail at every event
             with contextlib.suppress(Exception):  # a log on a full disk
                 traceback.print_exc()
-        self._sound_at, self._pace_at = now + _FAULT_TIME, now + BACKOFF_START
+        self._pace_at = now + self.TIMES.pause
         with contextlib.suppress(Exception):  # it fails at this, too
             self._judge(now)
             self._pace_at = self._owner.pace(now)
 
     def _wait_and_step(self) -> None:
         now = clock.now()
-        if now >= self._start_due():
+        if now >= self._state.start_due():
             self._start(now)
         if self._wire is None and self._spare is not None:
-            self._take_over(self._spare)
+            self._give_turn(self._spare)
         meant = self._wait(now)
         now = clock.now()
         if now - meant > _LATE:  # held up ourselves, as it may have been: it gets that time, too
-            self._limit += now - meant
-            self._kill_at += now - meant
+            self._state.held_up(now - meant)
         if self._spare is not None:
-            self._look_at(self._spare)
+            self._hear_spare(self._spare)
         knows = self._read(now)
         with self._lock:
             self._keep()  # what was heard may be carried over
-        if knows and now >= self._sound_at:
-            self._be_sound(now)
+        if knows and (verdict := self._state.recovered(now)) is not None:
+            self._owner.on_events([StopChanged(verdict)], now)
         self._judge(now)
         self._refuse_unsent()
-        if knows or self._trouble or self._verdict is None or self._verdict.estop:
+        if self._state.may_publish(knows=knows):
             self._pace_at = self._owner.pace(now)
         else:  # what it repeats may not be so any more: silence, until the wire or _judge tells
-            self._pace_at = now + SILENCE_LIMIT
+            self._pace_at = now + self.TIMES.silence
 
     def _wait(self, now: float) -> float:
         """Sleep until something is due; return when this should be over."""
-        moments = [self._pace_at, self._start_due()]
-        descriptors = [self._wake_fd]
-        descriptors += [each.socket.fileno() for each in (self._wire, self._spare) if each]
-        if self._wire is not None:
-            moments.append(self._kill_at if self._trouble else self._limit_now())
-        if self._trouble:
-            moments.append(self._report_at)
+        moments = [self._pace_at, self._state.start_due()]
+        if self._state.trouble:
+            moments += [self._report_at, self._state.kill_at()]
+        else:
+            moments.append(self._hangs_at())
+        ends = [each.socket.fileno() for each in (self._wire, self._spare) if each]
         timeout = max(0.0005, min(moments) - now)
-        if self._wake_fd in ready(descriptors, timeout):
+        if self._wake_fd in ready([self._wake_fd, *ends], timeout):
             os.eventfd_read(self._wake_fd)
         return now + timeout
 
     def _read(self, now: float) -> bool:
-        """Take what the wire says; tell whether that is all, and of just now."""
+        """Read what the wire says; tell whether that is all, and of just now."""
         for _ in range(_READS):
             if self._wire is None:
                 return False
             data = self._wire.receive()
             if data is None:
-                return clock.now() <= self._said_at + SILENCE_LIMIT
+                return self._state.is_news(clock.now())
             if not data:
-                self._lost(self._wire, now)
+                self._replace(self._wire, now)
                 return False
-            self._wire.ready = True
-            heard_at = clock.now()  # later than now, if we are held up amid this
-            self._limit, self._kill_at = heard_at + SILENCE_LIMIT, heard_at + _KILL_TIME
-            name, arguments, self._said_at = pickle.loads(data)
+            name, arguments, said_at = pickle.loads(data)
+            self._state.heard(clock.now(), said_at)  # later than now, if held up amid this
             self._MESSAGES[name](self, *arguments)
         return False
 
@@ -276,53 +216,46 @@ class ProcessLink(Link):
         with self._lock:
             unsent, self._unsent = self._unsent, []
         for request, why in unsent:
-            self._owner.on_refused(request.number, request.key, self._trouble or why)
+            self._owner.on_refused(request.number, request.key, self._state.trouble or why)
 
-    def _limit_now(self) -> float:
+    def _hangs_at(self) -> float:
         with self._lock:
-            closes = any(each.name == 'deactivate' for each in self._commands.values())
-        return self._limit + _CLOSE_TIME * closes
+            return self._state.hangs_at(closes=self._orders.closes)
 
     def _judge(self, now: float) -> None:
-        if now < self._sound_at and not self._trouble:
+        if not self._state.trouble and not self._state.is_sound(now):
             self._be_in_trouble('internal error, see the log', now)
-        if self._wire is not None and not self._trouble and now >= self._limit_now():
+        if self._wire is not None and not self._state.trouble and now >= self._hangs_at():
             self._be_in_trouble(
                 f'its process {self._wire.process.pid} hangs: nothing was heard of it for '
-                f'{(now - self._limit + SILENCE_LIMIT) * 1e3:.0f} ms',
+                f'{self._state.silence(now) * 1e3:.0f} ms',
                 now,
             )
-        if self._wire is not None and now >= self._kill_at:
+        if self._wire is not None and now >= self._state.kill_at():
             self._wire.process.kill()
-            self._kill_at = now + _KILL_TIME
-        if self._trouble and now >= self._report_at:
+            self._state.killed(now)
+        if self._state.trouble and now >= self._report_at:
             self._report_trouble(now)
 
-    def _be_sound(self, now: float) -> None:
-        """Tell the end of trouble or of a stop; not before, as another stop may be behind it."""
-        ends = self._trouble or self._releases
-        self._trouble, self._releases = '', False
-        if ends and self._verdict is not None:
-            self._owner.on_events([StopChanged(self._verdict)], now)
-
     def _be_in_trouble(self, text: str, now: float) -> None:
-        self._said_at = 0.0  # before the end of this it has to say something more
+        self._state.doubt()
         reason = f'the wire of {self.name} does not work, {text}'
         self._owner.link_changed(reason, False)
-        self._trouble = reason  # not before it was told
+        self._state.trouble = reason  # not before it was told
         self._report_trouble(now)
 
     def _report_trouble(self, now: float) -> None:
         self._report_at = now + _REPORT_PERIOD
-        status = Status(Level.ERROR, self._trouble, self._processes())
-        self._owner.on_report(Report(status, Status(Level.ERROR, self._trouble, {})), now)
+        trouble = self._state.trouble
+        status = Status(Level.ERROR, trouble, self._processes())
+        self._owner.on_report(Report(status, Status(Level.ERROR, trouble, {})), now)
 
     def _processes(self) -> dict[str, Any]:
         pids = ['none' if each is None else each.process.pid for each in (self._wire, self._spare)]
         return {
             'wire process': pids[0],
             'spare process': pids[1],
-            'wire restarts': max(0, self._restarts),
+            'wire restarts': max(0, self._state.turns - 1),
             'last wire': self._last_end,
         }
 
@@ -332,9 +265,10 @@ class ProcessLink(Link):
         told = []
         for event in events:
             if isinstance(event, StopChanged):
-                self._verdict, self._releases = event.verdict, not event.verdict.estop
-            if not (isinstance(event, StopChanged) and self._releases):
-                told.append(event)
+                self._state.said(event.verdict)
+                if not event.verdict.estop:
+                    continue  # a stop may be behind it: see Supervisor.recovered
+            told.append(event)
         self._owner.on_events(told, now)
 
     def _on_report(self, report: Report, now: float) -> None:
@@ -347,34 +281,15 @@ class ProcessLink(Link):
 
     def _link_changed(self, text: str, ok: bool) -> None:
         if not ok:  # a stop to the owner, whatever the session says of it
-            self._verdict, self._releases = Verdict.stop(text, link_up=False), False
+            self._state.said(Verdict.stop(text, link_up=False))
         self._owner.link_changed(text, ok)
 
     def _on_done(self, number: int, error: str) -> None:
-        """Take the end of a command, and of those before it: theirs found no room."""
-        ended: dict[int, str] = {}
         with self._lock:
-            if number in self._commands:  # in the order in which they were sent and are served
-                ended = dict.fromkeys(takewhile(lambda each: each != number, self._commands), '')
-            ended[number] = error
-            for each, failure in ended.items():
-                self._end_command(self._commands.pop(each, None), failure)
+            ended = self._orders.end(number, error)
             self._keep()
         for each, failure in ended.items():
             self._done(each, failure)
-
-    def _end_command(self, request: Request | None, error: str) -> None:
-        newest = self._activation
-        if request is None:
-            pass
-        elif request.name == 'deactivate':
-            self._before = None
-            if newest is not None and newest.number <= request.number:
-                self._activation = None  # not before: the next one may have to say farewell
-        elif not error:
-            self._before = request
-        elif request is newest:
-            self._activation = self._before  # it goes on
 
     def _on_beat(self) -> None:
         """Nothing more than a sign of life."""
@@ -390,131 +305,93 @@ class ProcessLink(Link):
 
     # -- the processes ----------------------------------------------------------------------------
 
-    def _start_due(self) -> float:
-        """Return when to start a process; a spare comes after the wire itself."""
-        if self._wire is None and self._spare is None:
-            return self._start_at
-        if self._spare is None and self._wire is not None and self._wire.ready:
-            return max(self._start_at, self._took_over_at + _SPARE_TIME)
-        return math.inf
-
     def _start(self, now: float) -> None:
-        """Start a spare; the next one not before a while."""
-        self._start_at = now + self._backoff
-        self._backoff = min(2 * self._backoff, self._reconnect_period)
+        self._state.trying(now)
         try:
-            self._spare = self._new_process(now)
+            self._spare = self._new_process()
         except OSError as error:
             if self._wire is None:
                 self._be_in_trouble(f'no process can be started: {error}', now)
+            return
+        self._state.started(now)
 
-    def _new_process(self, now: float) -> _Process:
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    def _new_process(self) -> Child:
         priority = self._rt_priority or -self._begins_ordinary
-        before = self._open_wire()
-        with theirs, contextlib.ExitStack() as last, contextlib.ExitStack() as undo:
-            if before >= 0:
-                last.callback(os.close, before)
-            undo.callback(ours.close)
-            kept = self._in_force.fileno()
-            ours.setblocking(False)
-            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
-            process = subprocess.Popen(
-                [
-                    f'{self.name}: wire {self.device}',
-                    *('-S', '-m', _PROGRAM),
-                    *(str(theirs.fileno()), self._bridge.module),
-                    *(str(self._reconnect_period), str(priority), str(self._tap)),
-                    *(str(kept), str(before)),
-                ],
-                executable=sys.executable,
-                pass_fds=[theirs.fileno(), kept, *(n for n in (self._tap, before) if n >= 0)],
-                stdin=subprocess.DEVNULL,
-                env=environment(self._bridge.module),
-                start_new_session=True,  # the terminal's signals are the node's business
+        before = -1 if self._wire is None else self._wire.pidfd()
+        kept = self._in_force.fileno()
+        given = [self._reconnect_period, priority, self._tap, kept, before]
+        try:
+            return Child.start(
+                f'{self.name}: wire {self.device}',
+                _PROGRAM,
+                self._bridge.module,
+                [*map(str, given)],
+                [kept, *(n for n in (self._tap, before) if n >= 0)],
             )
-            undo.pop_all()
-        return _Process(process, ours, now)
+        finally:
+            if before >= 0:
+                os.close(before)
 
-    def _open_wire(self) -> int:
-        """Return a pidfd of the process that runs the wire; -1 where there is none."""
-        with contextlib.suppress(OSError):  # a kernel without them
-            if self._wire is not None:
-                return os.pidfd_open(self._wire.process.pid)
-        return -1
-
-    def _look_at(self, spare: _Process) -> None:
-        """Take its only word, that it is ready, or its end, which harms nothing."""
+    def _hear_spare(self, spare: Child) -> None:
+        """Hear its only word, that it is ready, or its end, which harms nothing."""
         word = spare.receive()
         if word:
-            spare.ready = True
+            self._state.spare_loaded()
         elif word is not None:
             self._spare = None
+            self._state.spare_ended()
             spare.end(0.0)
 
-    def _take_over(self, spare: _Process) -> None:
-        """Make it the wire: it is its turn."""
-        self._spare, self._verdict, self._releases = None, None, False
-        self._restarts += 1
-        self._took_over_at = now = clock.now()  # the end of the one before may have taken a while
-        self._limit = self._kill_at = spare.started_at + _START_TIME
-        if spare.ready:
-            self._limit, self._kill_at = now + SILENCE_LIMIT, now + _TAKE_OVER_TIME
+    def _give_turn(self, spare: Child) -> None:
+        """Have it run the wire."""
+        self._spare = None
         with self._lock:
             self._wire = spare
+            self._state.turned(clock.now())  # the end of the one before may have taken a while
             with contextlib.suppress(OSError):  # it has just ended, as the reader finds
                 spare.socket.send(TURN)
-            for order in self._orders():
+            for order in self._to_tell():
                 self._send(order)
 
-    def _informed(self, command: Request) -> Request:
-        """Return it for a wire that takes over: it has to know what the one before has done."""
-        if command.name != 'activate':
-            return command
-        values, resting = command.arguments
-        known = self._owner.carried_over(values)  # of its port, which may not be that of now
-        return command._replace(arguments=({**values, **known}, resting))
-
-    def _lost(self, wire: _Process, now: float) -> None:
+    def _replace(self, wire: Child, now: float) -> None:
         """Wait for the end of a wire that has closed its socket; the next one comes after it."""
+        loads = self._state.wire is Stage.LOADING
         with self._lock:
             self._wire = None
-        wire.end(0.0 if wire.ready else _LAST_WORDS)  # the device may still be moving
-        if now > self._took_over_at + _LONG_LIFE:
-            self._backoff, self._start_at = BACKOFF_START, now
+            self._state.wire_ended(now)
+        wire.end(_LAST_WORDS if loads else 0.0)  # the device may still be moving
         if self._spare is not None:
-            self._take_over(self._spare)  # first, for the same reason
-        self._last_end = _cause(wire.process.returncode)
+            self._give_turn(self._spare)  # first, for the same reason
+        self._last_end = wire.cause()
         self._be_in_trouble(f'its process {wire.process.pid} {self._last_end}', now)
         self._owner.on_lost()
 
     def _leave(self) -> None:
         with self._lock:
             wire, self._wire = self._wire, None
-            moves = self._activation is not None or bool(self._commands)
-        if wire is not None and moves and (wire.ready or self._restarts > 0):
+            moves = self._orders.moves
+        if wire is not None and moves and (self._state.has_loaded or self._state.turns > 1):
             self._leave_safe(wire)
         elif wire is not None:
             wire.end(ANSWER_TIME / 2)
         with self._lock:
-            self._activation = self._before = None
-            self._commands.clear()
+            self._orders.forget()
         if self._spare is not None:
             self._spare.end(0.0)
 
-    def _leave_safe(self, wire: _Process) -> None:
+    def _leave_safe(self, wire: Child) -> None:
         """
         Have the farewell said, if need be behind our own end.
 
-        The device may be moving. What a process that loads, or gets no processor, has to do waits
-        in its socket, and the end behind it: so it says the farewell, and ends. For one that does
-        not end in time its spare does.
+        The device may be moving. Commands queue in the socket of a process that loads, or gets no
+        processor, and the end behind them: it says the farewell once it runs, and ends. For one
+        that does not end in time its spare does.
         """
-        if not wire.ready:
+        if not self._state.has_loaded:
             wire.socket.close()
         elif not wire.ends(ANSWER_TIME / 2) and (spare := self._spare) is not None:
             wire.end(0.0)
-            self._take_over(spare)
+            self._give_turn(spare)
             with self._lock:
                 self._wire = None
             spare.socket.close()
@@ -532,31 +409,3 @@ class ProcessLink(Link):
                 os.close(self._wake_fd)
                 self._wake_fd = -1
                 self._in_force.close()
-
-
-def _cause(returncode: int) -> str:
-    if returncode < 0:
-        with contextlib.suppress(ValueError):  # a real-time signal has no name
-            return f'was killed by {signal.Signals(-returncode).name}'
-        return f'was killed by signal {-returncode}'
-    return f'ended with {returncode}'
-
-
-def environment(module: str) -> dict[str, str]:
-    """
-    Return the environment in which ``python -S -m`` finds what this process has imported.
-
-    Without the module ``site`` it starts sooner and takes less memory. Its own name is no path
-    that would lead it to its libraries.
-    """
-    roots = [
-        str(Path(sys.modules[name].__file__ or '').parents[name.count('.')])
-        for name in (__name__, module)
-    ]
-    path = [*roots, *(folder or os.getcwd() for folder in sys.path)]
-    return {
-        **os.environ,
-        'PYTHONHOME': f'{sys.base_prefix}:{sys.base_exec_prefix}',
-        'PYTHONPATH': os.pathsep.join(dict.fromkeys(path)),
-        'PYTHONSAFEPATH': '1',  # from Python 3.11: nothing from where the node was started
-    }

@@ -20,13 +20,14 @@ import socket
 import threading
 import time
 import traceback
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol
+from typing import Any, Generic, Protocol
 
 from bridge_core import clock
 from bridge_core.framing import Counters
 from bridge_core.report import Damage, levels, LinkStatus, Report, report
 from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
+from bridge_core.transports.request import Activate, Call, Request
 from bridge_core.transports.tap import Tap
 from bridge_core.waiting import FAULT_PAUSE, ready
 
@@ -41,8 +42,6 @@ _LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 _FROZEN_TIME = 0.2
 _DISCARD_READS = 1000
-REQUEST_LIMIT = 0.2  # s that a request may wait for its wire
-INPUT_LIMIT = 0.03  # s, from the middleware to the wire, of what must be fresh to count
 _LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
@@ -76,29 +75,6 @@ class Bridge(Generic[FrameT]):
         self.make_session(values)
         if self.check_port is not None:
             self.check_port(values)
-
-
-class Request(NamedTuple):
-    """
-    One thing that is asked of a wire.
-
-    :param number: of the request, by which its end is told.
-    :param key: what it is about, in the words of the topics.
-    :param name: a method of the session that takes ``*arguments, now``, or one of Wire.COMMANDS.
-    :param at: when it was asked, by ``clock.now``, which all processes share.
-    :param limit: the age in s from which on it does not count any more.
-    :param stop: it counts however old it is.
-    :param waits: somebody waits for the session's Answer: refuse it while the port is not open.
-    """
-
-    number: int
-    key: str
-    name: str
-    arguments: tuple[Any, ...]
-    at: float
-    limit: float = REQUEST_LIMIT
-    stop: bool = False
-    waits: bool = False
 
 
 class Requests(Protocol):
@@ -140,8 +116,6 @@ class Wire(Generic[FrameT]):
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
     :param tap: where to put what goes over the port; it does not wait.
     """
-
-    COMMANDS: ClassVar = ('activate', 'deactivate')
 
     def __init__(
         self,
@@ -286,23 +260,29 @@ class Wire(Generic[FrameT]):
             return []
 
     def _serve(self, request: Request, now: float) -> None:
-        if request.name in self.COMMANDS:
-            error = 'it failed'
-            try:
-                getattr(self, f'_{request.name}')(*request.arguments, now)
-                error = ''
-            except ValueError as failure:
-                error = str(failure)
-            finally:
-                self._requests.done(request.number, error)
+        if isinstance(request.what, Call):
+            self._serve_call(request.what, request, now)
             return
-        refusal = self._ask(request, now)
+        error = 'it failed'
+        try:
+            if isinstance(request.what, Activate):
+                self._activate(request.what, now)
+            else:
+                self._deactivate(now)
+            error = ''
+        except ValueError as failure:
+            error = str(failure)
+        finally:
+            self._requests.done(request.number, error)
+
+    def _serve_call(self, call: Call, request: Request, now: float) -> None:
+        refusal = self._ask(call, request, now)
         if self.status.is_open:  # even then: a refused command may be a stop
             self._exchange(False, now)
         if refusal:
             self._owner.on_refused(request.number, request.key, refusal)
 
-    def _ask(self, request: Request, now: float) -> str:
+    def _ask(self, call: Call, request: Request, now: float) -> str:
         """Have the session do it; return why it refuses."""
         if self._session is None or self._resting:
             return 'the node is not active'
@@ -312,13 +292,13 @@ class Wire(Generic[FrameT]):
         if request.waits and not self.status.is_open:
             return self.status.error
         try:
-            getattr(self._session, request.name)(*request.arguments, now)
+            call.on(self._session, now)
         except ValueError as error:
             return str(error)
         return ''
 
-    def _activate(self, values: dict[str, Any], resting: bool, now: float) -> None:
-        """Open the port, now and whenever it was lost, and run a new session on it."""
+    def _activate(self, wanted: Activate, now: float) -> None:
+        values, resting = wanted
         make = self._bridge.make_resting_session if resting else self._bridge.make_session
         assert make is not None
         session, transport = make(values), self._bridge.make_transport(values)

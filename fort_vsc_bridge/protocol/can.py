@@ -32,7 +32,7 @@ from dataclasses import dataclass, fields
 import struct
 from typing import Any
 
-from bridge_core.framing import Decoder, draft_of, FrameError
+from bridge_core.framing import Decoder, FrameError
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol.frames import Message, Received, Rejected
 from fort_vsc_bridge.protocol.messages import (
@@ -124,15 +124,12 @@ class BasicJoystick:
             raise ValueError(f'a pad has 4 buttons, not {len(self.buttons)}')
 
     @classmethod
-    def from_payload(cls, data: bytes) -> Any:
+    def from_payload(cls, data: bytes) -> BasicJoystick:
         """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
         x, y, unused, pad, spare = _BASIC.unpack(data)
         if spare << 8 | unused != 0xFFFFFF and any(data):
             raise _foreign(data[4:5] + data[6:])
-        message = _DraftBasic()
-        message.x, message.y, message.buttons = AXES[x], AXES[y], PADS[pad]
-        message.__class__ = cls
-        return message
+        return cls(AXES[x], AXES[y], PADS[pad])
 
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
@@ -187,9 +184,6 @@ class StringSegment:
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
         return _SEGMENT.pack(self.key, self.segment, self.text.encode('ascii'))
-
-
-_DraftBasic = draft_of(BasicJoystick)
 
 
 def _foreign(unused: bytes) -> ForeignFrameError:
@@ -277,25 +271,24 @@ class CanDecoder(Decoder[CanFrame, Received]):
             return []
         if isinstance(message, BasicJoystick | ExtendedJoystick):
             zeroed = not any(data.data[place] for place in _VALUES[type(message)])
-            return list(self._sticks.take(name, message, now, zeroed=zeroed))
+            return self._sticks.put_together(name, message, now, zeroed=zeroed)
         assert isinstance(message, Message)  # a StringSegment is not among FROM_VSC
         if isinstance(message, Heartbeat):
-            self._forget_sticks_of_before(message)
+            was, self._operational = self._operational, message.mode == Mode.OPERATIONAL
+            if self._operational and not was:  # no frame of before a stop counts behind it
+                self._sticks.forget()
         return [message]
-
-    def _forget_sticks_of_before(self, heartbeat: Heartbeat) -> None:
-        """Let no joystick frame of before a stop count once Operational is entered anew."""
-        was, self._operational = self._operational, heartbeat.mode == Mode.OPERATIONAL
-        if self._operational and not was:
-            self._sticks.forget()
 
 
 _VALUES = {BasicJoystick: (0, 1, 2, 3, 5), ExtendedJoystick: (0, 1)}  # bytes that are not FF
-_PARTS = ('left_basic', 'left_extended', 'right_basic', 'right_extended')
 _NO_AXIS = Axis(None, InputState.UNAVAILABLE)
-_NO_BUTTON = Button(None, InputState.UNAVAILABLE)
-_NO_BASIC = BasicJoystick(_NO_AXIS, _NO_AXIS, (_NO_BUTTON,) * 4)
-_NO_EXTENDED = ExtendedJoystick(_NO_AXIS)
+_NO_PAD = (Button(None, InputState.UNAVAILABLE),) * 4
+_MISSING: dict[str, Any] = {
+    'left_basic': BasicJoystick(_NO_AXIS, _NO_AXIS, _NO_PAD),
+    'left_extended': ExtendedJoystick(_NO_AXIS),
+    'right_basic': BasicJoystick(_NO_AXIS, _NO_AXIS, _NO_PAD),
+    'right_extended': ExtendedJoystick(_NO_AXIS),
+}
 _BROKEN = Axis(None, InputState.ERROR)
 # Zeros are not the remote's: they let go of no button.
 _ZEROED = BasicJoystick(_BROKEN, _BROKEN, (Button(None, InputState.ERROR),) * 4)
@@ -319,14 +312,9 @@ class _Sticks:
     def forget(self) -> None:
         self._heard.clear()
 
-    def take(
-        self,
-        name: str,
-        message: BasicJoystick | ExtendedJoystick,
-        now: float,
-        *,
-        zeroed: bool,
-    ) -> list[Message]:
+    def put_together(
+        self, name: str, message: BasicJoystick | ExtendedJoystick, now: float, *, zeroed: bool
+    ) -> list[Received]:
         """Return all sticks; nothing while the others still have time to come."""
         self._heard = {
             part: heard
@@ -338,21 +326,19 @@ class _Sticks:
         if zeroed and isinstance(message, BasicJoystick):
             message = _ZEROED
         self._heard[name] = (now, message, zeroed)
-        mixed = len({part[2] for part in self._heard.values()}) > 1
-        if not mixed:
+        zeros = {part[2] for part in self._heard.values()}
+        if len(zeros) == 1:
             self._alike_at = now
-        if len(self._heard) < len(_PARTS) and now - self._since < self._timeout:
+        whole = len(self._heard) == len(_MISSING)
+        if not whole and now - self._since < self._timeout:
             return []
-        return [self._joystick(pausing=mixed and now - self._alike_at < self._timeout)]
-
-    def _joystick(self, *, pausing: bool) -> Joystick:
-        if len(self._heard) == len(_PARTS) and all(part[2] for part in self._heard.values()):
-            return Joystick(zeroed=True)
-        left, right = self._part('left_basic', _NO_BASIC), self._part('right_basic', _NO_BASIC)
-        left_z = self._part('left_extended', _NO_EXTENDED).z
-        right_z = self._part('right_extended', _NO_EXTENDED).z
-        axes = (left.x, left.y, left_z, right.x, right.y, right_z)
-        return Joystick(axes, left.buttons + right.buttons, pausing=pausing)
-
-    def _part(self, name: str, missing: Any) -> Any:
-        return self._heard[name][1] if name in self._heard else missing
+        if whole and zeros == {True}:
+            return [Joystick(zeroed=True)]
+        parts = {**_MISSING, **{part: heard[1] for part, heard in self._heard.items()}}
+        left, right = parts['left_basic'], parts['right_basic']
+        axes = (
+            *(left.x, left.y, parts['left_extended'].z),
+            *(right.x, right.y, parts['right_extended'].z),
+        )
+        pausing = len(zeros) > 1 and now - self._alike_at < self._timeout
+        return [Joystick(axes, left.buttons + right.buttons, pausing=pausing)]

@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import re
 import reprlib
 import struct
-from typing import Any
 
-from bridge_core.framing import draft_of, StreamParser, Unknown
+from bridge_core.framing import StreamParser, Unknown
+from bridge_core.packets import decode_by
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH, Message, MessageType, PACKETS
 from fort_vsc_bridge.protocol.values import (
     AUTONOMY_MODES,
@@ -26,20 +27,11 @@ from fort_vsc_bridge.protocol.values import (
     MODES,
     pack_pad,
     PADS,
+    TEXT_KEYS,
 )
 
 _UNKNOWN_BATTERY = 0xFF  # not in the manual's 0 to 100
 NAME_SIZE = 20  # characters of a name or a line of text (7.3.9)
-
-_JOYSTICK = struct.Struct('<6H2B')  # axis words; left pad, right pad
-_HEARTBEAT = struct.Struct('<BBI')  # mode, autonomy mode, E-stop indication
-_REMOTE_STATUS = struct.Struct('<4B2s')  # battery %, charging, strength VSC, SRC, reserved
-_MESSAGE_CONTROL = struct.Struct('<B?H')  # message type, enabled, interval in ms
-_FEEDBACK = struct.Struct('<Bi')  # key, value
-_NAME = struct.Struct(f'<B{NAME_SIZE}s')  # key, characters padded with zero
-assert (_JOYSTICK.size, _HEARTBEAT.size, _REMOTE_STATUS.size) == (14, 6, 6)
-_ZEROS = bytes(_JOYSTICK.size)
-assert (_MESSAGE_CONTROL.size, _FEEDBACK.size, _NAME.size) == (4, 5, 21)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +48,7 @@ class Joystick(Message):
     """
 
     TYPE = MessageType.JOYSTICK
+    LAYOUT = struct.Struct('<6H2B')  # axis words; left pad, right pad
     axes: tuple[Axis, ...] = (Axis(0),) * len(AXIS_NAMES)
     buttons: tuple[Button, ...] = (Button(False),) * len(BUTTON_NAMES)
     zeroed: bool = False
@@ -67,26 +60,17 @@ class Joystick(Message):
             raise ValueError(f'a joystick message has 6 axes and 8 buttons, not {count}')
 
     @classmethod
-    def from_payload(cls, payload: bytes) -> Any:
-        """Read a payload of this type's length, all of which are sound."""
-        if payload == _ZEROS:
+    def _from_payload(cls, payload: bytes) -> Joystick:
+        if not any(payload):
             return cls(zeroed=True)
-        left_x, left_y, left_z, right_x, right_y, right_z, left, right = _JOYSTICK.unpack(payload)
-        message = _DraftJoystick()
-        message.axes = (
-            *(AXES[left_x], AXES[left_y], AXES[left_z]),
-            *(AXES[right_x], AXES[right_y], AXES[right_z]),
-        )
-        message.buttons = PADS[left] + PADS[right]
-        message.zeroed = message.pausing = False
-        message.__class__ = cls
-        return message
+        *words, left, right = cls.LAYOUT.unpack(payload)
+        return cls(tuple(AXES[word] for word in words), PADS[left] + PADS[right])
 
     def _to_payload(self) -> bytes:
         if self.zeroed:
-            return _ZEROS
+            return bytes(self.LAYOUT.size)
         words = (axis.to_word() for axis in self.axes)
-        return _JOYSTICK.pack(*words, pack_pad(self.buttons[:4]), pack_pad(self.buttons[4:]))
+        return self.LAYOUT.pack(*words, pack_pad(self.buttons[:4]), pack_pad(self.buttons[4:]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,29 +108,21 @@ class Heartbeat(Message):
     """
 
     TYPE = MessageType.HEARTBEAT
+    LAYOUT = struct.Struct('<BBI')  # mode, autonomy mode, E-stop indication
     mode: Mode | int
     autonomy: AutonomyMode | int | None
     estop: int
 
     def __post_init__(self) -> None:
-        check_range('the mode', self.mode, 0, 255)
-        if self.autonomy is not None:
-            check_range('the autonomy mode', self.autonomy, 0, 255)
-        check_range('the E-stop indication', self.estop, 0, 0xFFFFFFFF)
+        if not (0 <= self.mode <= 255 and 0 <= (self.autonomy or 0) <= 255):
+            raise ValueError(f'modes must be 0 to 255, not {self.mode} and {self.autonomy}')
+        if not 0 <= self.estop <= 0xFFFFFFFF:
+            raise ValueError(f'the E-stop indication must have 32 bits, not {self.estop}')
 
     @classmethod
-    def from_payload(cls, payload: bytes) -> Any:
-        """Read a payload of this type's length, all of which are sound."""
-        mode, autonomy, estop = _HEARTBEAT.unpack(payload)
-        message = _DraftHeartbeat()
-        message.mode = MODES.get(mode, mode)
-        message.autonomy = AUTONOMY_MODES.get(autonomy, autonomy)
-        message.estop = estop
-        message.__class__ = cls
-        return message
-
-    def _to_payload(self) -> bytes:
-        return _HEARTBEAT.pack(self.mode, self.autonomy, self.estop)
+    def _from_payload(cls, payload: bytes) -> Heartbeat:
+        mode, autonomy, estop = cls.LAYOUT.unpack(payload)
+        return cls(MODES.get(mode, mode), AUTONOMY_MODES.get(autonomy, autonomy), estop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +130,8 @@ class HostHeartbeat(Message):
     """Sign of life of the host (7.3.4), 20 Hz; ``estop`` asks for a stop. Not safety rated."""
 
     TYPE = MessageType.HOST_HEARTBEAT
+    LAYOUT = struct.Struct('<?')
     estop: bool
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> HostHeartbeat:
-        return cls(payload[0] > 0)
-
-    def _to_payload(self) -> bytes:
-        return bytes((bool(self.estop),))
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +148,7 @@ class RemoteStatus(Message):
     """
 
     TYPE = MessageType.REMOTE_STATUS
+    LAYOUT = struct.Struct('<B?2B2s')  # battery %, charging, strength VSC, SRC, reserved
     battery_percent: int | None
     charging: bool
     strength_vsc: int
@@ -194,14 +165,13 @@ class RemoteStatus(Message):
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> RemoteStatus:
-        battery, charging, vsc, src, reserved = _REMOTE_STATUS.unpack(payload)
-        level = None if battery == _UNKNOWN_BATTERY else battery
-        return cls(level, charging > 0, vsc, src, reserved)
+        battery, *rest = cls.LAYOUT.unpack(payload)
+        return cls(None if battery == _UNKNOWN_BATTERY else battery, *rest)
 
     def _to_payload(self) -> bytes:
         battery = _UNKNOWN_BATTERY if self.battery_percent is None else self.battery_percent
         strengths = (self.strength_vsc, self.strength_src)
-        return _REMOTE_STATUS.pack(battery, self.charging, *strengths, self.reserved)
+        return self.LAYOUT.pack(battery, self.charging, *strengths, self.reserved)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +183,7 @@ class MessageControl(Message):
     """
 
     TYPE = MessageType.MESSAGE_CONTROL
+    LAYOUT = struct.Struct('<B?H')  # message type, enabled, interval in ms
     message: int
     enabled: bool
     interval_ms: int
@@ -221,32 +192,19 @@ class MessageControl(Message):
         check_range('the message type', self.message, 0, 255)
         check_range('the interval (ms)', self.interval_ms, 20, 0xFFFF)
 
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> MessageControl:
-        return cls(*_MESSAGE_CONTROL.unpack(payload))
-
-    def _to_payload(self) -> bytes:
-        return _MESSAGE_CONTROL.pack(self.message, self.enabled, self.interval_ms)
-
 
 @dataclass(frozen=True, slots=True)
 class UserFeedback(Message):
     """A key's value (7.3.6 to the VSC, 7.3.8 from it). :param key: 0-99. :param value: int32."""
 
     TYPE = MessageType.USER_FEEDBACK
+    LAYOUT = struct.Struct('<Bi')
     key: int
     value: int
 
     def __post_init__(self) -> None:
         check_range('a feedback key', self.key, 0, 99)
         check_range('a feedback value', self.value, *INT32)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> UserFeedback:
-        return cls(*_FEEDBACK.unpack(payload))
-
-    def _to_payload(self) -> bytes:
-        return _FEEDBACK.pack(self.key, self.value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,27 +216,36 @@ class UserFeedbackName(Message):
     """
 
     TYPE = MessageType.USER_FEEDBACK_NAME
+    LAYOUT = struct.Struct(f'<B{NAME_SIZE}s')  # key, characters padded with zero
     key: int
     name: str
 
     def __post_init__(self) -> None:
         check_range('a feedback key', self.key, 0, 99)
+        cited = reprlib.repr(self.name)
         if len(self.name) > NAME_SIZE:
-            raise ValueError(
-                f'a name has at most {NAME_SIZE} characters: {reprlib.repr(self.name)}'
-            )
+            raise ValueError(f'a name has at most {NAME_SIZE} characters: {cited}')
         if not (self.name.isascii() and self.name.isprintable()):
-            raise ValueError(
-                f'a name has printable ASCII characters only: {reprlib.repr(self.name)}'
-            )
+            raise ValueError(f'a name has printable ASCII characters only: {cited}')
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> UserFeedbackName:
-        key, name = _NAME.unpack(payload)
+        key, name = cls.LAYOUT.unpack(payload)
         return cls(key, name.rstrip(b'\x00').decode('ascii'))
 
     def _to_payload(self) -> bytes:
-        return _NAME.pack(self.key, self.name.encode('ascii'))
+        return self.LAYOUT.pack(self.key, self.name.encode('ascii'))
+
+
+def text_lines(text: str) -> list[UserFeedbackName]:
+    """Return the four lines of the display. :raises ValueError: too many, or one is unsound."""
+    lines = re.split('\r\n|\r|\n', text)
+    if not lines[-1]:
+        del lines[-1]  # a line's end is none between two
+    if len(lines) > len(TEXT_KEYS):
+        raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
+    lines += [''] * (len(TEXT_KEYS) - len(lines))
+    return [UserFeedbackName(key, line) for key, line in zip(TEXT_KEYS, lines, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,17 +253,11 @@ class UserFeedbackGet(Message):
     """Ask for a key's value (7.3.7); the answer is a UserFeedback. :param key: 0-99."""
 
     TYPE = MessageType.USER_FEEDBACK_GET
+    LAYOUT = struct.Struct('<B')
     key: int
 
     def __post_init__(self) -> None:
         check_range('a feedback key', self.key, 0, 99)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> UserFeedbackGet:
-        return cls(payload[0])
-
-    def _to_payload(self) -> bytes:
-        return bytes((self.key,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,17 +281,11 @@ class SetupStringGet(Message):
     """Ask for a text of the setup, not in the manual; the VSC has to be unlocked."""
 
     TYPE = MessageType.SETUP_STRING_GET
+    LAYOUT = struct.Struct('<B')
     key: int
 
     def __post_init__(self) -> None:
         check_range('a setup key', self.key, 0, 255)
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> SetupStringGet:
-        return cls(payload[0])
-
-    def _to_payload(self) -> bytes:
-        return bytes((self.key,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,51 +293,30 @@ class SetupUnlock(Message):
     """Open the setup to questions, not in the manual."""
 
     TYPE = MessageType.SETUP_UNLOCK
+    LAYOUT = struct.Struct('<H')
     code: int = 0xDEC0
 
     def __post_init__(self) -> None:
         check_range('the code', self.code, 0, 0xFFFF)
 
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> SetupUnlock:
-        return cls(int.from_bytes(payload, 'little'))
 
-    def _to_payload(self) -> bytes:
-        return self.code.to_bytes(2, 'little')
+_ALL: tuple[type[Message], ...] = (
+    *(Joystick, Gps, Heartbeat, HostHeartbeat, RemoteStatus, MessageControl, UserFeedback),
+    *(UserFeedbackName, UserFeedbackGet, SetupString, SetupStringGet, SetupUnlock),
+)
+MESSAGES: dict[int, type[Message]] = {kind.TYPE: kind for kind in _ALL}
+assert all(of.LAYOUT.size in PACKETS.lengths[of.TYPE] for of in _ALL if hasattr(of, 'LAYOUT'))
 
 
-_DraftJoystick = draft_of(Joystick)
-_DraftHeartbeat = draft_of(Heartbeat)
-MESSAGES: dict[int, type[Message]] = {
-    kind.TYPE: kind
-    for kind in (
-        Joystick,
-        Gps,
-        Heartbeat,
-        HostHeartbeat,
-        RemoteStatus,
-        MessageControl,
-        UserFeedback,
-        UserFeedbackName,
-        UserFeedbackGet,
-        SetupString,
-        SetupStringGet,
-        SetupUnlock,
-    )
-}
+decode_payload = decode_by(MESSAGES)
 
 
 def decode(frame: bytes) -> Message | Unknown:
     """Read a whole frame of any type. :raises FrameError: if its frame or contents are unsound."""
     payload = PACKETS.payload_of(frame)
-    return _decode(frame[2], payload)
+    return decode_payload(frame[2], payload)
 
 
 def parser() -> StreamParser[Message]:
     """Return a parser for one direction of one link."""
-    return PACKETS.parser(_decode, {kind: of.from_payload for kind, of in MESSAGES.items()})
-
-
-def _decode(kind: int, payload: bytes) -> Message | Unknown:
-    message = MESSAGES.get(kind)
-    return Unknown(kind) if message is None else message.from_payload(payload)
+    return PACKETS.parser(decode_payload)

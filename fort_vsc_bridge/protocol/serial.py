@@ -5,12 +5,10 @@
 
 from __future__ import annotations
 
-import math
-
-from bridge_core.framing import Decoder
+from bridge_core.framing import StreamParser
 from bridge_core.packets import HEAD_SIZE, OVERHEAD
 from fort_vsc_bridge.protocol.frames import MAX_LENGTH, MessageType, PACKETS, Received, Rejected
-from fort_vsc_bridge.protocol.messages import parser
+from fort_vsc_bridge.protocol.messages import decode_payload
 
 _UNEXPECTED = (
     'update this software or the VSC, their firmware does not match: its {name} message has '
@@ -18,46 +16,32 @@ _UNEXPECTED = (
 )
 
 
-class SerialDecoder(Decoder[bytes, Received]):
+class SerialDecoder(StreamParser[Received]):
     """
     A parser, and beside it a search for sound frames whose length is not that of their type.
 
-    The parser never waits for the body of such a frame, as its length is corrupt more often than
-    not; the search delays nothing.
+    The parser never waits for the body of such a frame, because a length is corrupt more often
+    than the firmware is another one. The search delays nothing.
     """
 
     def __init__(self) -> None:
-        self._parser = parser()
-        self.counters = self._parser.counters
+        super().__init__(PACKETS.frame_format(decode_payload))
         self._tail = b''  # of the stream: may be the beginning of such a frame
-
-    @property
-    def deadline(self) -> float:
-        """When a partial frame expires."""
-        return self._parser.deadline
-
-    def expect_gaps(self, seconds: float) -> None:
-        """Wait as long for the rest of a frame."""
-        self._parser.expect_gaps(seconds)
 
     def reset(self) -> None:
         """Discard what was received in part."""
-        self._parser.reset()
+        super().reset()
         self._tail = b''
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Return the messages that ``data`` completes, in order."""
-        begun, frames = self._parser.deadline < math.inf, self.counters.frames
-        messages: list[Received] = list(self._parser.feed(data, now))
+        begun, frames = bool(self._buffer), self.counters.frames
+        messages = super().feed(data, now)
         stream = self._tail + data
         if begun or stream.count(PACKETS.header) > self.counters.frames - frames:
             return messages + self._unexpected(stream)
         self._tail = stream[-1:]  # every header in it is that of a sound frame
         return messages
-
-    def poll(self, now: float) -> list[Received]:
-        """Return the messages found in a partial frame that has expired."""
-        return list(self._parser.poll(now))
 
     def _unexpected(self, stream: bytes) -> list[Received]:
         header, lengths, size = PACKETS.header, PACKETS.lengths, len(stream)

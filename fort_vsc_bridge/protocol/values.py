@@ -97,6 +97,16 @@ VALUE_RANGES: dict[int, tuple[int, int]] = {
     Key.DISPLAY_MODE: (0, 3),
 }
 
+
+def check_value(key: int, value: int) -> None:
+    """Let a value pass that its key takes. :raises ValueError: key or value that cannot be."""
+    if key not in VALUE_RANGES:
+        raise ValueError(f'key {key} takes no value; keys are 1-12, 80-85, 99')
+    low, high = VALUE_RANGES[key]
+    if not low <= value <= high:
+        raise ValueError(f'key {key} takes {low} to {high}, not {value}')
+
+
 MODES: dict[int, Mode] = {int(mode): mode for mode in Mode}
 AUTONOMY_MODES: dict[int, AutonomyMode] = {int(mode): mode for mode in AutonomyMode}
 

@@ -14,7 +14,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 
-from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
+from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackGet
+from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 MAX_WRITES = 3
@@ -102,7 +104,7 @@ class _KeySetting(_Setting):
         if now >= self.due:
             if self.state == UNKNOWN and self._questions >= _QUESTIONS:
                 self.state = UNANSWERED
-            self._queue.get_value(self._key)
+            self._queue.put(UserFeedbackGet(self._key))
             self._asked = True
             self._questions += 1
             self.due = now + _ASK_PERIOD
@@ -117,7 +119,7 @@ class _KeySetting(_Setting):
     def answered(self, key: int, value: int, now: float) -> None:
         """Compare; an answer to what was asked before a write is not looked at."""
         if key == self._key and self.is_open and self._asked and self._found(value == self._value):
-            self._queue.set_value(self._key, self._value)
+            self._queue.put(UserFeedback(self._key, self._value))
             self._asked = False
             self.due = now + _ASK_PERIOD
 
@@ -162,7 +164,7 @@ class _IntervalSetting(_Setting):
             return
         if self._found(self._matches()):
             enabled, interval = self._interval_ms > 0, self._interval_ms or 1000
-            self._queue.control(MessageControl(self.kind, enabled, interval))
+            self._queue.put(MessageControl(self.kind, enabled, interval))
             self.start(now + _ASK_PERIOD)
 
     def _matches(self) -> bool:
@@ -192,6 +194,7 @@ class Configurator:
             for name, kind in _INTERVALS.items()
             if name in wanted
         }
+        self.watches = {watch.kind: watch for watch in self._intervals.values()}
         self._all: list[_KeySetting | _IntervalSetting] = [
             *self._keys.values(),
             *self._intervals.values(),
@@ -230,12 +233,6 @@ class Configurator:
         """Take a key's value from the device."""
         for setting in self._keys.values():
             setting.answered(key, value, now)
-
-    def heard(self, kind: MessageType, now: float) -> None:
-        """Take note that a message came."""
-        for setting in self._intervals.values():
-            if setting.kind is kind:
-                setting.heard(now)
 
     def poll(self, now: float, *, remote_connected: bool) -> None:
         """Queue what is due."""

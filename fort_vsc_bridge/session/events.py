@@ -7,14 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fort_vsc_bridge.protocol import (
-    AutonomyMode,
-    AXIS_NAMES,
-    BUTTON_NAMES,
-    Heartbeat,
-    Mode,
-    RemoteStatus,
-)
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
+from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
 
 
 @dataclass(frozen=True, slots=True)

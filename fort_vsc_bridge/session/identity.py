@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from fort_vsc_bridge.protocol import SetupString
+from fort_vsc_bridge.protocol.messages import SetupString, SetupStringGet, SetupUnlock
 from fort_vsc_bridge.session.send_queue import SendQueue
 
 _KEYS = {1: 'serial number', 111: 'firmware'}
@@ -54,7 +54,7 @@ class IdentityReader:
             self.due = math.inf
             return
         for key in unknown:
-            self._queue.get_setup(key)
+            self._queue.put(SetupUnlock(), SetupStringGet(key))
         self.due = now + _ASK_PERIOD
 
     def answered(self, message: SetupString) -> None:

@@ -9,17 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import (
-    CONNECTED_MODES,
-    estop_sources,
-    EStopBits,
-    Heartbeat,
-    Mode,
-    mode_name,
-    MODES_AFTER_A_STOP,
-    RemoteStatus,
-)
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
+from fort_vsc_bridge.protocol.values import CONNECTED_MODES, estop_sources, Mode, mode_name
 from fort_vsc_bridge.session.device import OVERRULED, REFUSED, UNANSWERED
+from fort_vsc_bridge.session.stops import ANYBODY
 
 TWO_VSCS = (
     'take one of two VSCs off this bus, or change its identifiers; else set vsc_heartbeat_rate: '
@@ -50,49 +43,6 @@ _SETTINGS_TO_DO = {
     UNANSWERED: 'connect a remote, and see that the VSC hears this computer',
     OVERRULED: 'change the parameter, or what ~/set_user_value says',
 }
-_USER = 'VSC reports e-stop: USER (this computer)'
-_ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
-
-
-def stop_reasons(heartbeat: Heartbeat, *, asked: str, echo: bool) -> list[str]:
-    """
-    Return why a heartbeat is a stop, and what to do; empty if no bit is set and a remote there.
-
-    :param asked: what ends the stop that our heartbeats ask for; empty if they ask for none.
-    :param echo: USER bits are our doing.
-    """
-    reasons = []
-    others = heartbeat.estop & ~int(EStopBits.USER)
-    if others:
-        sources = _ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(others))
-        reasons.append(
-            f'release the stop at {sources}, then acknowledge it on the '
-            'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
-        )
-    if heartbeat.estop & EStopBits.USER:
-        reasons.append(_user_reason(asked, echo))
-    if heartbeat.mode in MODES_AFTER_A_STOP:
-        reasons.append(
-            'switch the remote on, bring it into reach, acknowledge on it: mode is '
-            f'{mode_name(heartbeat.mode)}, so none is connected, or a stop not acknowledged yet'
-        )
-    elif heartbeat.mode not in CONNECTED_MODES:
-        reasons.append(
-            'restart the VSC if this lasts, look at its LED, check its firmware: mode is '
-            f'{mode_name(heartbeat.mode)}, so it does not say that it works'
-        )
-    return reasons
-
-
-def _user_reason(asked: str, echo: bool) -> str:
-    if asked:
-        return f'{asked}, then acknowledge on the remote: {_USER}, as this node asks'
-    if echo:
-        return f'acknowledge on the remote: {_USER}, not asked any more'
-    return (
-        f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
-        '(User E-STOP Timeout), or an earlier one leave it set?'
-    )
 
 
 def quiet_because(heartbeat: Heartbeat | None) -> list[str]:
@@ -124,7 +74,7 @@ def device_state(
 def heartbeat_sources(heartbeat: Heartbeat) -> str:
     """Name the sources of the stop in a heartbeat; 'none' if there is no stop."""
     if heartbeat.autonomy is None and heartbeat.estop:
-        return _ANYBODY
+        return ANYBODY
     return ', '.join(estop_sources(heartbeat.estop)) or 'none'
 
 

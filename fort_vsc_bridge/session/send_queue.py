@@ -12,20 +12,10 @@ from __future__ import annotations
 
 import math
 
-from fort_vsc_bridge.protocol import (
-    Frame,
-    Key,
-    Message,
-    MessageControl,
-    MessageType,
-    SetupStringGet,
-    SetupUnlock,
-    USER_KEYS,
-    UserFeedback,
-    UserFeedbackGet,
-    UserFeedbackName,
-    Wire,
-)
+from fort_vsc_bridge.protocol.frames import Message, MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackName
+from fort_vsc_bridge.protocol.values import Key, USER_KEYS, VIBRATION_KEYS
+from fort_vsc_bridge.protocol.wires import Frame, Wire
 
 _SHOWN_KEYS = frozenset((*USER_KEYS, Key.DISPLAY_MODE))
 
@@ -34,7 +24,8 @@ class SendQueue:
     """
     The lines of messages to the VSC, one a message type.
 
-    A message of several frames is finished before the next of its type begins.
+    A message of several frames is finished before the next of its type begins. A frame stays in
+    its line until it is sent.
     """
 
     def __init__(self, wire: Wire) -> None:
@@ -42,33 +33,24 @@ class SendQueue:
         self._lines: dict[MessageType, dict[int, Message]] = {kind: {} for kind in wire.PERIODS}
         self._begun: dict[MessageType, list[Frame]] = {kind: [] for kind in wire.PERIODS}
         self._free_at = dict.fromkeys(wire.PERIODS, -math.inf)
-        self._taken: dict[MessageType, tuple[int, Frame]] = {}  # key and frame, the newest
+        self._offered: dict[MessageType, list[Frame]] = {}  # and not sent: the first, then others
         self._shown: dict[tuple[MessageType, int], Message] = {}
 
-    def set_value(self, key: int, value: int) -> None:
-        """Queue a key's value; remember it if the remote shows it."""
-        message = UserFeedback(key, value)
-        self._lines[message.TYPE][key] = message
-        if key in _SHOWN_KEYS:
-            self._shown[message.TYPE, key] = message
+    def put(self, *messages: Message) -> None:
+        """
+        Queue messages, and remember those that the remote shows.
 
-    def set_name(self, key: int, name: str) -> None:
-        """Queue and remember a key's name or a line of text."""
-        message = UserFeedbackName(key, name)
-        self._lines[message.TYPE][key] = self._shown[message.TYPE, key] = message
-
-    def get_value(self, key: int) -> None:
-        """Queue a question."""
-        self._lines[MessageType.USER_FEEDBACK_GET][key] = UserFeedbackGet(key)
-
-    def get_setup(self, key: int) -> None:
-        """Queue an unlock of the setup, and a question for a text of it."""
-        self._lines[MessageType.SETUP_UNLOCK][0] = SetupUnlock()
-        self._lines[MessageType.SETUP_STRING_GET][key] = SetupStringGet(key)
-
-    def control(self, message: MessageControl) -> None:
-        """Queue a message control, which the VSC writes to EEPROM."""
-        self._lines[message.TYPE][message.message] = message
+        :raises ValueError: this wire cannot carry one of them; none is queued then.
+        """
+        for message in messages:
+            self._wire.check(message)
+        for message in messages:
+            key = _key_of(message)
+            self._lines[message.TYPE][key] = message
+            if isinstance(message, UserFeedbackName) or (
+                isinstance(message, UserFeedback) and key in _SHOWN_KEYS
+            ):
+                self._shown[message.TYPE, key] = message
 
     def shows(self, key: int) -> bool:
         """Tell whether a value for this key was ever set to be shown."""
@@ -89,36 +71,35 @@ class SendQueue:
         for kind, line in self._lines.items():
             for key in [key for key in line if (kind, key) not in self._shown]:
                 del line[key]
-            self._begun[kind].clear()
+            self._begun[kind] = []
+        self._offered.clear()
 
-    def take(self, now: float) -> list[Frame]:
-        """Return the frames that may go now, at most one of each type."""
-        frames: list[Frame] = []
+    def due(self, now: float) -> list[Frame]:
+        """Return the frames that may go now, at most one of each type; see ``sent``."""
+        if self._offered:  # the line was busy: a late rumble would mislead
+            for key in VIBRATION_KEYS:
+                self._lines[MessageType.USER_FEEDBACK].pop(key, None)
+        self._offered.clear()
         for kind, line in self._lines.items():
-            begun = self._begun[kind]
-            if now < self._free_at[kind] or not (line or begun):
+            if now < self._free_at[kind]:
                 continue
-            key = self._taken[kind][0] if begun else next(iter(line))
-            if not begun:
-                begun += self._wire.frames(line.pop(key))
-            self._taken[kind] = key, begun.pop(0)
-            frames.append(self._taken[kind][1])
-            self._free_at[kind] = now + self._wire.PERIODS[kind]
-        return frames
+            if self._begun[kind]:
+                self._offered[kind] = self._begun[kind]
+            elif line:
+                self._offered[kind] = self._wire.frames(next(iter(line.values())))
+        return [frames[0] for frames in self._offered.values()]
 
-    def refused(self, frame: Frame) -> None:
-        """
-        Have what the remote shows go again in its turn: it did not go out.
-
-        The VSC puts a string together once the last third comes (8.2.8), so the rest of one waits.
-        """
-        for kind, (key, taken) in self._taken.items():
-            if taken is not frame or (kind, key) not in self._shown:
-                continue
-            if kind is MessageType.USER_FEEDBACK_NAME:
-                self._begun[kind].insert(0, frame)
-            else:  # at the end of the line: a rumble must not wait for it
-                self._lines[kind].setdefault(key, self._shown[kind, key])
+    def sent(self, frame: Frame, now: float) -> None:
+        """Note that a frame that was due went out: the next of its type has its turn."""
+        for kind, frames in self._offered.items():
+            if frames[0] is frame:
+                if frames is not self._begun[kind]:
+                    line = self._lines[kind]
+                    del line[next(iter(line))]
+                self._begun[kind] = frames[1:]
+                self._free_at[kind] = now + self._wire.PERIODS[kind]
+                del self._offered[kind]
+                return
 
     @property
     def deadline(self) -> float:
@@ -127,3 +108,9 @@ class SendQueue:
             self._free_at[kind] for kind, line in self._lines.items() if line or self._begun[kind]
         ]
         return min(waiting, default=math.inf)
+
+
+def _key_of(message: Message) -> int:
+    if isinstance(message, MessageControl):
+        return message.message
+    return int(getattr(message, 'key', 0))

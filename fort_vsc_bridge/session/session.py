@@ -6,61 +6,44 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
-from bridge_core.session import (
-    HeldButtons,
-    Level,
-    Pacer,
-    RETRY,
-    Session as BaseSession,
-    StickStream,
-    Verdict,
-)
+from bridge_core.session import Level, Pacer, Session as BaseSession, StickStream, Verdict
 from bridge_core.watchdog import RateWatch, Watchdog
-from fort_vsc_bridge.protocol import (
-    Axis,
-    AXIS_NAMES,
-    Button,
-    BUTTON_NAMES,
-    CONNECTED_MODES,
-    Frame,
+from fort_vsc_bridge.protocol.frames import MessageType, Received, Rejected
+from fort_vsc_bridge.protocol.messages import (
     Gps,
     Heartbeat,
     HostHeartbeat,
     Joystick,
-    Key,
-    MessageType,
-    Mode,
-    PERSISTENT_KEYS,
-    Received,
-    Rejected,
     RemoteStatus,
     SetupString,
+    text_lines,
+    UserFeedback,
+    UserFeedbackGet,
+    UserFeedbackName,
+)
+from fort_vsc_bridge.protocol.values import (
+    check_value,
+    CONNECTED_MODES,
+    Key,
+    Mode,
+    PERSISTENT_KEYS,
     TEXT_KEYS,
     USER_KEYS,
-    UserFeedback,
-    UserFeedbackName,
     VALUE_RANGES,
 )
+from fort_vsc_bridge.protocol.wires import Frame
 from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.device import Configurator
-from fort_vsc_bridge.session.events import (
-    Event,
-    GpsSentence,
-    ModeChanged,
-    RemoteState,
-    Sticks,
-    UserValue,
-)
+from fort_vsc_bridge.session.events import Event, GpsSentence, ModeChanged, RemoteState, UserValue
 from fort_vsc_bridge.session.identity import IdentityReader
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
+from fort_vsc_bridge.session.software_stop import SoftwareStop
+from fort_vsc_bridge.session.stick_reader import NEUTRAL, StickReader
 from fort_vsc_bridge.session.stops import StopJudge
 
-_NEUTRAL = Sticks()
-_ASKED = 'end what ~/software_estop asks for'
 _LATELY = 3.0  # seconds for which what came once is named, and a line counts as looped
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
@@ -78,15 +61,14 @@ class Session(BaseSession[Frame, Received, Event]):
         wire, timeout = settings.wire, settings.link_timeout
         super().__init__(wire.decoder(timeout), timeout)
         self.settings = settings
+        self.DAMAGED = wire.DAMAGED
         self.remote_status: RemoteStatus | None = None  # while a remote is connected
         self.faulty: tuple[str, ...] = ()  # controls that the last joystick message calls so
         self.looped_back = 0  # frames that only a host sends: the line echoes
         self.rejected = 0  # frames that are not the VSC's, or of a firmware that is not known
-        self.software_estop_in_use = settings.require_software_estop
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
         self._modes = ModeChanged(None)  # as emitted
-        self._was_up = self._was_connected = False
         self._connected_at = -math.inf  # a remote, the last time
         self._rejection = ''  # why the last one was, and what to do
         self._rejected_lately = Watchdog(_LATELY)
@@ -97,15 +79,14 @@ class Session(BaseSession[Frame, Received, Event]):
         self._settled_at = math.inf  # long enough after the link came up, or was opened, or lost
         self._stream = StickStream()
         # The heartbeat that says why the VSC zeroes its buttons may be the first one that is lost.
-        self._held = HeldButtons(2.0 * settings.link_timeout, len(BUTTON_NAMES))
+        self._sticks = StickReader(2.0 * timeout, tolerate=settings.tolerate_faulty_axes)
         self._judgement = StopJudge(settings.transition_time)
         rate = settings.wire.most_heartbeats
         self._rate = RateWatch(rate) if math.isfinite(rate) else None
-        self._software_estop = False
-        self._software_estop_heard = Watchdog(settings.software_estop_timeout)
-        self._leaving = self._sent_stop = False
-        self._owed_stop = ''  # what ends, or ended, a stop that the VSC has not heard of yet
-        self._said: Frame | None = None  # our last heartbeat
+        self._stop = SoftwareStop(
+            settings.software_estop_timeout, required=settings.require_software_estop
+        )
+        self._offered: tuple[Frame, str] | None = None  # our heartbeat, what ends the stop in it
         self._pacer = Pacer(1.0 / settings.heartbeat_rate)
         self._queue = SendQueue(wire)
         self._device = Configurator(settings.to_configure, self._queue)
@@ -114,19 +95,20 @@ class Session(BaseSession[Frame, Received, Event]):
     # What is known.
 
     @property
-    def damaged(self) -> str:
-        """Return what to do where much of what comes is damaged."""
-        return self.settings.wire.DAMAGED
-
-    @property
     def heartbeat(self) -> Heartbeat | None:
         """The newest one, while it is fresh."""
-        return self._newest if self.link_up else None
+        return self._newest if self.verdict.link_up else None
 
     @property
     def mode(self) -> Mode | int | None:
         """The VSC's mode, a plain int if it is an unknown one; None without a fresh heartbeat."""
-        return None if self.heartbeat is None else self.heartbeat.mode
+        newest = self.heartbeat
+        return None if newest is None else newest.mode
+
+    @property
+    def software_estop_in_use(self) -> bool:
+        """Our heartbeat asks for a stop where ~/software_estop is silent."""
+        return self._stop.in_use
 
     @property
     def remote_connected(self) -> bool:
@@ -136,7 +118,7 @@ class Session(BaseSession[Frame, Received, Event]):
     @property
     def operational(self) -> bool:
         """Sticks count: Operational by a fresh heartbeat, and no stop."""
-        return self.mode == Mode.OPERATIONAL and not self.estop
+        return self.mode == Mode.OPERATIONAL and not self.verdict.estop
 
     @property
     def setting_states(self) -> dict[str, str]:
@@ -197,29 +179,25 @@ class Session(BaseSession[Frame, Received, Event]):
 
         A node that is not part of the stop chain must not trip the machine by being stopped.
         """
-        if not (self._open and self.software_estop_in_use):
+        if not (self._open and self._stop.in_use):
             return []
-        self._leaving = True
+        self._stop.leaving = True
         return self._heartbeat_frames(now, at_once=True)
 
-    def refused(self, frame: Frame, now: float) -> None:
-        """
-        Try our heartbeat again soon, with what is asked for then: it may be a stop.
-
-        A stop that did not go out at all is asked for once, even if it is over by then. What the
-        remote shows goes again, too.
-        """
-        if frame is self._said:
-            self._owed_stop = self._judgement.unasked()
-            self._pacer.start(now + RETRY)
+    def sent(self, frame: Frame, now: float) -> None:
+        """Count our heartbeat, or what waited in the queue, as sent."""
+        if self._offered is not None and frame is self._offered[0]:
+            _, remedy = self._offered
+            self._pacer.sent(now)
+            self._stop.sent(remedy)
+            self._judgement.asked(remedy, now)
         else:
-            self._queue.refused(frame)
+            self._queue.sent(frame, now)
 
     def _begin(self, now: float) -> None:
-        if self._said is not None and not self._leaving:  # what that line has carried nobody knows
-            self._owed_stop = self._owed_stop or 'wait: the port was opened anew'
+        self._stop.opened()
         self._judgement.asked('', now)
-        self._leaving = self._joystick_alone = False
+        self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
@@ -237,7 +215,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._rejection = message.text
             self._rejected_lately.feed(now)
             return
-        self._device.heard(message.TYPE, now)
+        if watch := self._device.watches.get(message.TYPE):
+            watch.heard(now)
         if isinstance(message, Heartbeat):
             self._newest = message
             self._heard.feed(now)
@@ -251,12 +230,12 @@ class Session(BaseSession[Frame, Received, Event]):
                 self._take_remote_status(message, now)
         elif isinstance(message, Gps):
             if self.link_up:
-                self._emit(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
+                self._events.append(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
             # On a line that loops it may be one of ours, which looks the same (table 17).
             if self.link_up and self._looped_back_lately.expired(now):
                 self._device.answered(message.key, message.value, now)
-                self._emit(UserValue(message.key, message.value))
+                self._events.append(UserValue(message.key, message.value))
         elif isinstance(message, SetupString):
             self._identity.answered(message)
         else:
@@ -269,7 +248,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._remote_status_at = now
         self._remote_expires_at = now + max(_STATUS_INTERVALS * gap, _SHORTEST_STATUS_TIME)
         self.remote_status = message
-        self._emit(RemoteState(message))
+        self._events.append(RemoteState(message))
 
     def _take_joystick(self, message: Joystick, now: float) -> None:
         self._joystick_heard.feed(now)
@@ -277,35 +256,12 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = not self.link_up and now >= self._settled_at
         if not self.link_up:
             return
-        sticks = self._sticks_of(message, now)
+        sticks = self._sticks.read(
+            message, now, operational=self.operational, stopped=self.verdict.estop
+        )
         self.faulty = sticks.faulty
         self._stream.published(counts=sticks.operational)
-        self._emit(sticks)
-
-    def _sticks_of(self, message: Joystick, now: float) -> Sticks:
-        if not self.operational:
-            self._held.miss(now, stopped=self.estop)
-            return _NEUTRAL  # the VSC zeroes the whole message: nothing in it is the remote's
-        if message.zeroed:  # its heartbeat may say why later, or was the first to say so
-            self._held.miss(now, stopped=False)
-            return Sticks(operational=True)
-        controls: tuple[Axis | Button, ...] = message.axes + message.buttons
-        faulty = tuple(
-            f'{name} {control.state.value}'
-            for name, control in zip(AXIS_NAMES + BUTTON_NAMES, controls, strict=True)
-            if control.value is None
-        )
-        named = () if message.pausing else faulty
-        buttons = tuple(button.value for button in message.buttons)
-        if faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=buttons)
-            return Sticks(operational=True, faulty=named)
-        return Sticks(
-            axes=tuple(axis.value or 0 for axis in message.axes),
-            buttons=tuple(map(bool, self._held.of(buttons, now))),
-            operational=True,
-            faulty=named,
-        )
+        self._events.append(sticks)
 
     def _judge(self, now: float) -> Verdict:
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
@@ -327,32 +283,33 @@ class Session(BaseSession[Frame, Received, Event]):
         return f'{to_do}: no {wire.SIGN_OF_LIFE}, {self._heard.describe(now)}'
 
     def _follow(self, now: float) -> None:
-        if self.link_up is not self._was_up:
-            self._was_up = self.link_up
+        newest, stopped = self.heartbeat, self.verdict.estop
+        before = self._modes
+        if newest is None:
+            self._modes = ModeChanged(None)
+        else:
+            self._modes = ModeChanged(newest.mode, newest.autonomy, newest.estop)
+        if (newest is None) is not (before.mode is None):
             self._settled_at = now + self.settings.link_timeout
-            self._device.link_changed(self.link_up, now)
-            self._identity.link_changed(self.link_up, now)
-        said = self.heartbeat
-        modes = ModeChanged(said.mode, said.autonomy, said.estop) if said else ModeChanged(None)
-        if modes != self._modes:
-            self._modes = modes
-            self._emit(modes)
-        if self.estop:
-            self._held.miss(now, stopped=True)
-        fresh = self.link_up and not self._joystick_heard.expired(now)
+            self._device.link_changed(newest is not None, now)
+            self._identity.link_changed(newest is not None, now)
+        if self._modes != before:
+            self._events.append(self._modes)
+        if stopped:
+            self._sticks.miss(now, stopped=True)
+        fresh = newest is not None and not self._joystick_heard.expired(now)
         if self._stream.owes_neutral(fresh=fresh, counts=self.operational):
             self.faulty = ()
-            self._emit(_NEUTRAL)
-            if not self.estop:
-                self._held.miss(now, stopped=False)
-        if self.remote_connected and not self._was_connected:
+            self._events.append(NEUTRAL)
+            if not stopped:
+                self._sticks.miss(now, stopped=False)
+        connected = self._modes.mode in CONNECTED_MODES
+        if connected and before.mode not in CONNECTED_MODES:
             self._connected_at = now
             self._queue.show_again()
-        self._was_connected = self.remote_connected
-        known = self.remote_connected and now < self._remote_expires_at
-        if self.remote_status is not None and not known:
+        if self.remote_status is not None and not (connected and now < self._remote_expires_at):
             self.remote_status = None
-            self._emit(RemoteState(None))
+            self._events.append(RemoteState(None))
 
     def _expires_at(self) -> float:
         moments = [super()._expires_at()]
@@ -367,48 +324,32 @@ class Session(BaseSession[Frame, Received, Event]):
         return min(moments)
 
     def _sends_at(self) -> float:
-        due = [self._pacer.due, self._queue.deadline]
-        if self.link_up:
+        due = [self._pacer.due, self._queue.deadline, self._stop.deadline]
+        if self.verdict.link_up:
             due += [self._device.deadline, self._identity.due]
-        if self.software_estop_in_use and not self._sent_stop:
-            due.append(self._software_estop_heard.deadline)
         return min(due)
 
     def _due_frames(self, now: float) -> list[Frame]:
-        if self.link_up:
+        if self.verdict.link_up:
             self._device.poll(now, remote_connected=self.remote_connected)
             self._identity.poll(now)
-        return self._heartbeat_frames(now) + self._queue.take(now)
+        return self._heartbeat_frames(now) + self._queue.due(now)
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
         """Return our heartbeat when it is due; a stop does not wait for that."""
-        asked = self._software_stop(now)
-        stop = bool(asked)
-        if not (at_once or self._pacer.is_due(now) or (stop and not self._sent_stop)):
+        if not (at_once or self._pacer.is_due(now) or self._stop.is_new(now)):
             return []
-        self._pacer.sent(now)
-        self._sent_stop, self._owed_stop = stop, ''
-        self._judgement.asked(asked, now)
-        (self._said,) = frames = self.settings.wire.frames(HostHeartbeat(stop))
+        remedy = self._stop.offer(now)
+        frames = self.settings.wire.frames(HostHeartbeat(bool(remedy)))
+        self._offered = frames[0], remedy
         return frames
-
-    def _software_stop(self, now: float) -> str:
-        """Return what ends the stop that our heartbeat asks for; empty if it asks for none."""
-        if not self.software_estop_in_use:
-            return ''
-        if self._leaving:
-            return 'start this node anew'
-        if self._software_estop_heard.expired(now):
-            heard = self._software_estop_heard.describe(now)
-            return f'start what publishes ~/software_estop ({heard})'
-        return _ASKED if self._software_estop else self._owed_stop
 
     # What the node asks.
 
     def expect_software_estop(self) -> None:
         """Ask for a stop from the first heartbeat on, as with ``require_software_estop``."""
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
-            self.software_estop_in_use = True
+            self._stop.in_use = True
 
     def set_software_estop(self, value: bool, now: float) -> None:
         """
@@ -421,45 +362,30 @@ class Session(BaseSession[Frame, Received, Event]):
         self._expire(now)
         self.software_estop_refused = not self.settings.wire.carries(MessageType.HOST_HEARTBEAT)
         self.settings.wire.require(MessageType.HOST_HEARTBEAT)
-        before = self._software_stop(now) if self._software_estop_heard.heard else ''
-        self.software_estop_in_use = True
-        self._software_estop = value
-        self._software_estop_heard.feed(now)
-        if not self._sent_stop:  # it may be over before a line that is busy, or closed, takes it
-            self._owed_stop = before or self._software_stop(now)
+        self._stop.want(value, now)
 
     def forget_software_estop(self, now: float) -> None:
         """Be as before the first call of ``set_software_estop``."""
         self._expire(now)
-        self.software_estop_in_use = self.settings.require_software_estop
-        self.software_estop_refused = self._software_estop = False
-        self._owed_stop = ''
-        self._software_estop_heard.reset()
+        self.software_estop_refused = False
+        self._stop.forget()
 
     def set_feedback(self, key: int, value: int, now: float) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK)
-        if key not in VALUE_RANGES:
-            raise ValueError(f'key {key} takes no value; keys are 1-12, 80-85, 99')
         if key in PERSISTENT_KEYS and not self.settings.configure_device:
             raise ValueError(f'key {key} is kept in EEPROM; it needs configure_device')
-        low, high = VALUE_RANGES[key]
-        if not low <= value <= high:
-            raise ValueError(f'key {key} takes {low} to {high}, not {value}')
-        self.settings.wire.check(UserFeedback(key, value))
-        self._queue.set_value(key, value)
+        check_value(key, value)
+        self._queue.put(UserFeedback(key, value))
         if self._open:  # else it is dropped, and overrules nothing
             self._device.overrule(key, value, now)
 
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_NAME)
         if key not in USER_KEYS and key not in TEXT_KEYS:
             raise ValueError(f'key {key} has no name; keys are 1-9, 90-93')
-        self.settings.wire.check(UserFeedbackName(key, name))
-        self._queue.set_name(key, name)
+        self._queue.put(UserFeedbackName(key, name))
 
     def set_display_text(self, text: str, now: float) -> None:
         """
@@ -470,22 +396,16 @@ class Session(BaseSession[Frame, Received, Event]):
         :raises ValueError: for too many lines, or a line too long or not printable ASCII.
         """
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_NAME)
-        lines = _text_lines(text)
-        for line in lines:
-            self.settings.wire.check(line)
-        for line in lines:
-            self._queue.set_name(line.key, line.name)
+        self._queue.put(*text_lines(text))
         if not self._queue.shows(Key.DISPLAY_MODE):
-            self._queue.set_value(Key.DISPLAY_MODE, 1)
+            self._queue.put(UserFeedback(Key.DISPLAY_MODE, 1))
 
     def get_feedback(self, key: int, now: float) -> None:
         """Queue a question for a key's value; a UserValue event answers; else ValueError."""
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK_GET)
         if key not in VALUE_RANGES:
             raise ValueError(f'key {key} cannot be asked for; keys are 1-12, 80-85, 99')
-        self._queue.get_value(key)
+        self._queue.put(UserFeedbackGet(key))
 
     def rumble(self, left: bool, right: bool, now: float) -> None:
         """
@@ -494,18 +414,6 @@ class Session(BaseSession[Frame, Received, Event]):
         :raises ValueError: this wire cannot carry it.
         """
         self._expire(now)
-        self.settings.wire.require(MessageType.USER_FEEDBACK)
-        if left and right:
-            self._queue.set_value(Key.BOTH_VIBRATION, 1)
-        elif left or right:
-            self._queue.set_value(Key.LEFT_VIBRATION if left else Key.RIGHT_VIBRATION, 1)
-
-
-def _text_lines(text: str) -> list[UserFeedbackName]:
-    lines = re.split('\r\n|\r|\n', text)
-    if not lines[-1]:
-        del lines[-1]  # a line's end is none between two
-    if len(lines) > len(TEXT_KEYS):
-        raise ValueError(f'the display has {len(TEXT_KEYS)} lines, not {len(lines)}')
-    lines += [''] * (len(TEXT_KEYS) - len(lines))
-    return [UserFeedbackName(key, line) for key, line in zip(TEXT_KEYS, lines, strict=True)]
+        if left or right:
+            one = Key.LEFT_VIBRATION if left else Key.RIGHT_VIBRATION
+            self._queue.put(UserFeedback(Key.BOTH_VIBRATION if left and right else one, 1))

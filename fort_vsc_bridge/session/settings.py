@@ -11,7 +11,9 @@ from typing import Any
 
 from bridge_core.settings import CheckedSettings, table_of
 from fort_vsc_bridge.parameters import LEAVE, PARAMETERS
-from fort_vsc_bridge.protocol import CanIds, CanWire, HidWire, MessageType, SerialWire, Wire
+from fort_vsc_bridge.protocol.can import CanIds
+from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire, Wire
 
 _TABLE = table_of(PARAMETERS)
 _DEVICE = 'device.'

@@ -13,12 +13,25 @@ from __future__ import annotations
 import math
 
 from bridge_core.session import Verdict
-from fort_vsc_bridge.protocol import CONNECTED_MODES, EStopBits, Heartbeat, MODES_AFTER_A_STOP
-from fort_vsc_bridge.session.report import stop_reasons
+from fort_vsc_bridge.protocol.messages import Heartbeat
+from fort_vsc_bridge.protocol.values import (
+    CONNECTED_MODES,
+    estop_sources,
+    EStopBits,
+    mode_name,
+    MODES_AFTER_A_STOP,
+)
 
 # The VSC may answer our heartbeat with some delay; 500 ms is its own limit for ours (7.3.4).
 ECHO_DELAY = 0.5
 OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not hear us
+ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
+_NO_REMOTE: dict[int, str] = {
+    mode: 'switch the remote on, bring it into reach, acknowledge on it: mode is '
+    f'{mode_name(mode)}, so none is connected, or a stop not acknowledged yet'
+    for mode in MODES_AFTER_A_STOP
+}
+_USER = 'VSC reports e-stop: USER (this computer)'
 
 
 class StopJudge:
@@ -32,15 +45,13 @@ class StopJudge:
     def __init__(self, transition_time: float) -> None:
         self._transition_time = transition_time
         self._strange_since = math.inf  # modes outside table 12 have come one after the other
-        self._asked = ''  # what ends the stop that our heartbeats ask for
+        self._asked = ''  # what ends the stop that our last heartbeat asked for; empty: none
         self._echo = False  # USER bits are our doing
         self._echo_heard = False  # they were seen since we asked last
         self._heard_at = self._asked_at = self._released_at = 0.0
-        self._before = self._of_asking()
 
     def asked(self, remedy: str, now: float) -> None:
         """Note what ends the stop that our heartbeat asks for from ``now`` on; empty: none."""
-        self._before = self._of_asking()
         if remedy and not self._asked:
             # Bits that stood before, too: while we ask they do not clear, and two devices whose
             # stops ask for each other's would never be clear.
@@ -50,19 +61,6 @@ class StopJudge:
         elif self._asked and not remedy:
             self._released_at = now
         self._asked = remedy
-
-    def unasked(self) -> str:
-        """
-        Take the last one back: our heartbeat did not go out.
-
-        Return what ends the stop that it asked for, if the VSC has not heard of that one at all.
-        """
-        remedy = self._asked
-        self._asked, self._echo, self._echo_heard, self._asked_at, self._released_at = self._before
-        return '' if self._asked else remedy
-
-    def _of_asking(self) -> tuple[str, bool, bool, float, float]:
-        return self._asked, self._echo, self._echo_heard, self._asked_at, self._released_at
 
     @property
     def awaits_stop(self) -> bool:
@@ -86,10 +84,35 @@ class StopJudge:
 
     def judge(self, heartbeat: Heartbeat, now: float) -> Verdict:
         """Return what the newest heartbeat means; it was heard."""
-        user = bool(heartbeat.estop & EStopBits.USER)
-        others = bool(heartbeat.estop & ~int(EStopBits.USER))
         if heartbeat.estop == 0 and heartbeat.mode in CONNECTED_MODES:
             return Verdict()
+        user = heartbeat.estop & EStopBits.USER
+        others = heartbeat.estop & ~int(EStopBits.USER)
+        reasons = []
+        if others:
+            sources = ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(others))
+            reasons.append(
+                f'release the stop at {sources}, then acknowledge it on the '
+                'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
+            )
+        if user:
+            reasons.append(self._user_reason())
+        if heartbeat.mode in _NO_REMOTE:
+            reasons.append(_NO_REMOTE[heartbeat.mode])
+        elif heartbeat.mode not in CONNECTED_MODES:
+            reasons.append(
+                'restart the VSC if this lasts, look at its LED, check its firmware: mode is '
+                f'{mode_name(heartbeat.mode)}, so it does not say that it works'
+            )
         own = others or now >= self.becomes_own_at or (user and not self._echo)
-        reasons = stop_reasons(heartbeat, asked=self._asked, echo=self._echo)
-        return Verdict(True, own, reasons=tuple(reasons))
+        return Verdict(True, bool(own), reasons=tuple(reasons))
+
+    def _user_reason(self) -> str:
+        if self._asked:
+            return f'{self._asked}, then acknowledge on the remote: {_USER}, as this node asks'
+        if self._echo:
+            return f'acknowledge on the remote: {_USER}, not asked any more'
+        return (
+            f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
+            '(User E-STOP Timeout), or an earlier one leave it set?'
+        )

@@ -4,7 +4,7 @@
 """The device's side of the link: a VSC and its remote, on each of the three wires."""
 
 from bridge_core.simulation import help_text, Simulated
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 from fort_vsc_bridge.simulator.can import CanSimulator
 from fort_vsc_bridge.simulator.hid import HidSimulator
 from fort_vsc_bridge.simulator.serial import build_frame, build_sentence, Simulator

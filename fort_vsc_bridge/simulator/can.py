@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol import BUTTON_NAMES, MessageType
+from fort_vsc_bridge.protocol.frames import MessageType
+from fort_vsc_bridge.protocol.values import BUTTON_NAMES
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 IDENTIFIERS = {  # table 34

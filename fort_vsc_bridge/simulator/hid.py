@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from fort_vsc_bridge.protocol import MessageType
+from fort_vsc_bridge.protocol.frames import MessageType
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 _INTERVAL = 1 / 16

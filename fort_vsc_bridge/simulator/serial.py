@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import struct
 
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, MessageType, PACKETS
+from fort_vsc_bridge.protocol.frames import MessageType, PACKETS
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 from fort_vsc_bridge.simulator.vsc import Vsc
 
 

@@ -16,7 +16,7 @@ import struct
 from typing import Any, ClassVar
 
 from bridge_core.simulation import obey, one_of, switch, within
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, Key, Mode, mode_name
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Key, Mode, mode_name
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
 BOOT_TIME = 1.0

@@ -100,20 +100,19 @@ class _Stream:
 
     def __init__(self, protocol: str) -> None:
         self._format = STREAM_PROTOCOLS[protocol].parser().format
-        self._parser = StreamParser(replace(self._format, decode=self._read, readers={}))
+        self._parser = StreamParser(replace(self._format, decode=self._read))
         self._window = b''  # of the stream: from the first byte on that is not accounted for
         self._position = 0  # of the window
         self._framed = 0  # bytes in frames
         self._gap = Damage(0, 0, '')  # what was discarded since the last frame
 
-    def _read(self, frame: bytes) -> _Found | None:
+    def _read(self, frame: bytes) -> _Found:
         try:
-            message = self._format.decode(frame)
+            return _Found(frame, self._format.decode(frame))
         except ChecksumError:
-            return None
+            raise
         except FrameError as error:
             return _Found(frame, error)
-        return None if message is None else _Found(frame, message)
 
     def feed(self, data: bytes) -> Iterator[tuple[int, _Found | Damage]]:
         """Yield frames and damage with their positions in the stream."""

@@ -109,7 +109,7 @@ class Beginning:
         try:
             sample = self.intake.mappings[name].sample(message.axes, message.buttons)
         except MalformedInput as error:
-            arbiter.operator_invalid(name, str(error), self.now)
+            arbiter.malformed('operator', name, str(error), self.now)
             return
         if at_rest:
             zero = (0.0,) * self.intake.config.joints

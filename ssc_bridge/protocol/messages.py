@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 import math
 import struct
 from typing import ClassVar, TypeVar
@@ -352,4 +351,4 @@ def _decode(kind: int, payload: bytes) -> Message | Poll | Unknown:
 
 def parser(baud: float = math.inf) -> StreamParser[Message | Poll]:
     """Return a parser for one direction of one link. :param baud: of the line."""
-    return PACKETS.parser(_decode, {kind: partial(_decode, kind) for kind in MESSAGES}, baud)
+    return PACKETS.parser(_decode, baud)

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 import math
 from typing import TypeVar
 
-from bridge_core.session import Pacer, RETRY
+from bridge_core.session import Pacer
 from ssc_bridge.channels import AuxChannel, AuxRequest
 from ssc_bridge.protocol import (
     AUX_CHANNELS,
@@ -85,9 +85,7 @@ class AuxOutputCommands:
         self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
-        self._queue: list[bytes] = []  # what is asked for
-        self._taken: list[bytes] = []  # of it, the last time: one at most
-        self._next_at = math.inf  # when the next of it goes
+        self._queue: list[bytes] = []  # what is asked for and did not go out
         self._undone_levels = False  # all of them, as they are to be
         self._undone_pulses: set[int] = set()
         self._undos = Pacer(_UNDO_PERIOD)
@@ -102,7 +100,7 @@ class AuxOutputCommands:
             self._end_undo()  # it names channels that are something else now
         if self._keep:
             self._levels.clear()  # the SSC may have been off meanwhile
-        self._drop()
+        self._queue.clear()
         self._seen = ()
 
     def seen(self, levels: tuple[bool, ...]) -> None:
@@ -168,7 +166,7 @@ class AuxOutputCommands:
 
     def stop(self, now: float) -> None:
         """Undo all that was ever set: levels as after power-on, no pulses; drop what waits."""
-        self._drop()
+        self._queue.clear()
         if not (self._levels or self._pulsing):
             return
         for place in self._levels:
@@ -198,34 +196,28 @@ class AuxOutputCommands:
         self._undos.start(now)
         self._undos_left = UNDO_FRAMES
 
-    def _drop(self) -> None:
-        self._queue, self._taken = [], []
-        self._next_at = math.inf
-
-    def take(self, now: float, *, at_once: bool) -> list[bytes]:
+    def frames(self, now: float, *, at_once: bool = False) -> list[bytes]:
         """
-        Return and forget the messages to be sent.
+        Return the messages to be sent: one that is asked for at most, so that none overtakes it.
 
         :param at_once: do not wait for the time of one that is to undo something.
         """
-        frames, self._queue = self._queue[:1], self._queue[1:]  # none overtakes a refused one
-        self._taken = frames
-        self._next_at = now if self._queue else math.inf
+        frames = self._queue[:1]
         if self._undos_left and (at_once or self._undos.is_due(now)):
             levels = self._all_levels() if self._undone_levels else None
             undo = AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0)))
-            frames = [*frames, undo.to_bytes()]
+            frames.append(undo.to_bytes())
+        return frames
+
+    def note_sent(self, frame: bytes, now: float) -> None:
+        """Note that one of these messages went out."""
+        if frame in self._queue[:1]:
+            del self._queue[0]
+        elif self._undos_left:
             self._undos.sent(now)
             self._undos_left -= 1
             if not self._undos_left:
                 self._end_undo()
-        return frames
-
-    def refused(self, frame: bytes, now: float) -> None:
-        """Have what was asked for go again soon. What undoes something is repeated anyway."""
-        if any(frame is taken for taken in self._taken):
-            self._queue.insert(0, frame)
-            self._next_at = now + RETRY
 
     def _end_undo_of_nothing(self) -> None:
         if not (self._undone_levels or self._undone_pulses):
@@ -239,8 +231,8 @@ class AuxOutputCommands:
 
     @property
     def deadline(self) -> float:
-        """When take has something by itself; infinite if never."""
-        return min(self._undos.due, self._next_at)
+        """When there are messages; infinite if never."""
+        return -math.inf if self._queue else self._undos.due
 
     def _all_levels(self) -> tuple[bool, ...]:
         """Return every digital output's level: as set, else as seen, else as after power-on."""

@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 import math
-from typing import Any
 
-from bridge_core.session import Pacer, RETRY
+from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import Failsafe, Servo
 from ssc_bridge.protocol import MAX_OUTPUTS, PulseCommand
@@ -25,7 +24,7 @@ from ssc_bridge.session.settings import Settings
 # Of an output: what goes out, where its servo was last, and whether it was commanded; see Channel.
 OutputState = tuple[float, float, bool]
 RELEASE_FRAMES = 3  # at least; one may be lost
-# s; a port takes nothing for half as long before it is given up, and what it refuses is gone.
+# s; twice as long as a port may take nothing before it is given up.
 RELEASE_TIME = 1.0
 # s from the configuration to the first command, for the device to tell what its outputs do now;
 # the longer one while that is not known of an output that is to be held.
@@ -48,7 +47,7 @@ class Channel:
 
     @property
     def state(self) -> OutputState:
-        """What counts on the last message; set where that did not go out."""
+        """What the last message that went out has made of it."""
         return self.us, self._at, self._commanded
 
     @state.setter
@@ -59,11 +58,6 @@ class Channel:
         """Go on from where a session before this one has left it, within the limits of now."""
         us, at, commanded = state
         self.state = self.servo.limited(us), self.servo.limited(at), commanded
-
-    @property
-    def driven(self) -> bool:
-        """Something has to be sent for it."""
-        return self.command.heard or self.us > 0.0
 
     @property
     def is_sought(self) -> bool:
@@ -89,19 +83,19 @@ class Channel:
         if us and (follows or not self.us):
             self._at = self.servo.limited(us)
 
-    def step(self, seconds: float) -> int:
-        """Move on by this much time and return the pulse, µs."""
+    def after(self, seconds: float) -> OutputState:
+        """Return the state after this much time; it holds once it is set."""
+        us, commanded = self.us, self._commanded
         if self.command.heard:
-            self.us = self._towards(self._target, self.servo.rate_us_per_s * seconds)
-            self._commanded = True
+            us = self._towards(self._target, self.servo.rate_us_per_s * seconds)
+            commanded = True
         elif self.servo.failsafe is Failsafe.PULSE:
-            self.us = self.servo.failsafe_us
+            us = self.servo.failsafe_us
         elif self.servo.failsafe is Failsafe.RELEASE:
-            self.us = 0.0
-        elif not self._commanded:  # else it is held: no pulse, too, if that was asked for
-            self.us = self._at
-        self._at = self.us or self._at
-        return round(self.us)
+            us = 0.0
+        elif not commanded:  # else it is held: no pulse, too, if that was asked for
+            us = self._at
+        return us, us or self._at, commanded
 
     def _towards(self, target: float, change: float) -> float:
         if not (target and self._at):
@@ -131,8 +125,8 @@ class Outputs:
         self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
         self._looks_until: float | None = None  # at least, while something to be held is sought
         self._releases = 0  # frames without a pulse that are still to be sent
-        self._last = b''  # message
-        self._before: tuple[Any, ...] = ()  # what it has changed; see refused
+        # What holds once the message of the last ``frames`` has gone out: ``sent``, ``_releases``.
+        self._offered: tuple[tuple[OutputState, ...], int] = (), 0
 
     def follow_on(self, states: Sequence[OutputState]) -> None:
         """Take the outputs as ours, as a session before this one has left them."""
@@ -212,33 +206,28 @@ class Outputs:
         if not (at_once or self._urgent or self._pacer.is_due(now)):
             return []
         self._looks_until = None
-        states = [channel.state for channel in self._channels]
-        self._before = self._stepped, self._urgent, self._releases, self.sent, states
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
+        channels = self._channels[:count]
+        states = tuple(channel.after(seconds) for channel in channels)
+        driven = any(channel.command.heard for channel in channels) or any(us for us, *_ in states)
+        releases = self._release_frames if driven else self._releases - 1
+        if not self._in_use or releases < 0:  # a hold would be a command to outputs not ours
+            self._step_on(now)
+            return []
+        self._offered = states, releases
+        return [PulseCommand(tuple(round(us) for us, *_ in states)).to_bytes()]
+
+    def note_sent(self, now: float) -> None:
+        """Go on from the message that ``frames`` has offered: it went out."""
+        self.sent, self._releases = self._offered
+        for channel, state in zip(self._channels, self.sent, strict=False):
+            channel.state = state
+        self._step_on(now)
+
+    def _step_on(self, now: float) -> None:
         self._pacer.sent(now)
         self._stepped, self._urgent = now, False
-        if not self._in_use:  # even a hold would be a command, to outputs that are not ours
-            return []
-        channels = self._channels[:count]
-        us = tuple(channel.step(seconds) for channel in channels)
-        if any(channel.driven for channel in channels):
-            self._releases = self._release_frames
-        elif self._releases:
-            self._releases -= 1
-        else:
-            return []
-        self._last = PulseCommand(us).to_bytes()
-        self.sent = tuple(channel.state for channel in channels)
-        return [self._last]
-
-    def refused(self, frame: bytes, now: float) -> None:
-        """Stand by what went out last, and try again soon: a servo must not jump by the rest."""
-        if frame is self._last:
-            self._stepped, self._urgent, self._releases, self.sent, states = self._before
-            for channel, state in zip(self._channels, states, strict=True):
-                channel.state = state
-            self._pacer.start(now + RETRY)
 
     def expires_at(self) -> float:
         """Return when the next command becomes stale."""
@@ -246,4 +235,4 @@ class Outputs:
 
     def sends_at(self) -> float:
         """Return when a message is due."""
-        return self._pacer.due
+        return -math.inf if self._urgent else self._pacer.due

@@ -41,13 +41,14 @@ class Poller:
         else:
             self._due[kind] = now + _LATE * self._periods[kind]
 
-    def take(self, now: float, wanted: Iterable[MessageType]) -> list[bytes]:
+    def frames(self, now: float, wanted: Iterable[MessageType]) -> list[bytes]:
         """Return the polls that are due."""
-        due = [kind for kind in wanted if now >= self._due[kind]]
-        for kind in due:
-            self._due[kind] = now + self._periods[kind]
-        self._asked.update(due)
-        return [Poll(kind).to_bytes() for kind in due]
+        return [Poll(kind).to_bytes() for kind in wanted if now >= self._due[kind]]
+
+    def note_sent(self, kind: MessageType, now: float) -> None:
+        """Note that this was asked for."""
+        self._due[kind] = now + self._periods[kind]
+        self._asked.add(kind)
 
     def deadline(self, wanted: Iterable[MessageType]) -> float:
         """Return when the next of these is due."""

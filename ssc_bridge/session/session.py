@@ -10,6 +10,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from bridge_core.gate import Gate, Policy
 from bridge_core.session import (
     Answer,
     HeldButtons,
@@ -24,6 +25,7 @@ from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import (
     AuxFunction,
     AuxInputs,
+    AuxOutputs,
     CommandState,
     Configuration,
     Lockout,
@@ -107,9 +109,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         rates = dict(zip(REPEATED, settings.poll_rates, strict=True))
         self._poller = Poller({**rates, MessageType.CONFIGURATION: _CONFIGURATION_RATE})
         self._inputs_heard = Watchdog(settings.link_timeout)
-        self._estop_in = Watchdog(settings.command_timeout)
-        self._estop_value = True
-        self._stopped = True  # nothing may be commanded
+        self._gate = Gate(Policy(stop=settings.command_timeout))  # to all that may be commanded
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
         self._settled_at = math.inf  # long enough after it was for pulse inputs to have come
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
@@ -138,7 +138,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
         if not self._commanded:
             return []
-        return self.stop_reasons(now) + self._estop_in_reasons(now)
+        return self._gate.forbidden(now, self.stop_reasons(now))
 
     def warnings(self) -> list[str]:
         """Return what is not a stop but not right either, in words."""
@@ -188,10 +188,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Say which input holds outputs at their failsafe by its silence."""
         if not self._commanded or self.verdict.estop:
             return []
-        if self._estop_in.expired(now):
-            return [f'{self.HELD}: {text}' for text in self._estop_in_reasons(now)]
+        if self._gate.stop.expired(now):
+            return [f'{self.HELD}: {text}' for text in self._gate.forbidden(now)]
         names = self.outputs.without_command()
-        return no_command(names, self.HELD) if names and not self._estop_value else []
+        return no_command(names, self.HELD) if names and not self._gate.forbidden(now) else []
 
     def source_texts(self) -> list[str]:
         """Name the source of every output, as the switch has it now; empty if not known."""
@@ -218,19 +218,26 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         Only what was sent has to be undone; and it has to, although this port, or this session,
         is so new that the device has not told how many outputs it has.
         """
-        self._stop(['the node leaves'], now)
+        self._gate.shut(['the node leaves'])
+        self._stop(self._gate.watch(now), now)
         if self._another:
             return
-        for _ in range(RELEASE_FRAMES):  # one may be lost; what the port refuses is tried again
+        for _ in range(RELEASE_FRAMES):  # one may be lost
             if self.outputs.sent:
                 yield from self.outputs.frames(now, self._count(), at_once=True)
-            yield from self._aux_outputs.take(now, at_once=True)
+            yield from self._aux_outputs.frames(now, at_once=True)
 
-    def refused(self, frame: bytes, now: float) -> None:
-        """Have the outputs go on from where they are, and what was asked go again soon."""
-        self.outputs.refused(frame, now)
-        self._aux_outputs.refused(frame, now)
-        self._tell_sent()
+    def sent(self, frame: bytes, now: float) -> None:
+        """Go on from a frame of the last poll or farewell: it went out."""
+        kind = MessageType(frame[2])
+        if kind is PulseCommand.TYPE:
+            self.outputs.note_sent(now)
+        elif kind is AuxOutputs.TYPE:
+            self._aux_outputs.note_sent(frame, now)
+        elif kind is Lockout.TYPE:
+            self._lockout.sent(now)
+        else:
+            self._poller.note_sent(kind, now)
 
     def _begin(self, now: float) -> None:
         self._poller.start(now)
@@ -238,7 +245,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def _forget(self, now: float, reason: str) -> None:
         del reason  # of the verdict, which made _follow forget the device
         self._inputs_heard.reset()
-        self._estop_in.reset()
+        self._gate.forget()
         if self._open:  # the outputs go on to their failsafe
             self._poller.start(now)
         else:
@@ -382,43 +389,41 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._emit(neutral(self.settings))
             if not self.estop:
                 self._held.miss(now, stopped=False)
-        reasons = [*self.verdict.reasons, *self._estop_in_reasons(now)]
-        if reasons:
-            self._stop(reasons, now)
-        else:
-            self._stopped = False
-            self._begin_failsafe(self.outputs.expire(now), ['the command is stale'])
+        self._stop(self._gate.watch(now, self.verdict.reasons), now)
+        self._begin_failsafe(self.outputs.expire(now), ['the command is stale'])
         if now >= self._lockout_until:
             self._finish_lockout(False, _NOT_LOCKED)
 
     def _expires_at(self) -> float:
-        moments = [super()._expires_at(), self.outputs.expires_at(), self._lockout_until]
+        moments = [super()._expires_at(), self._gate.deadline, self.outputs.expires_at()]
+        moments.append(self._lockout_until)
         if self._stream.streaming:
             moments.append(self._inputs_heard.deadline)
-        if not self._stopped:
-            moments.append(self._estop_in.deadline)
         return min(moments)
 
     def _sends_at(self) -> float:
+        if self.outputs.sent != self._told:
+            return -math.inf  # to tell
         moments = [self._poller.deadline(self._wanted()), self._lockout.due]
         if self.configuration is not None and not self._another:
             moments += [self.outputs.sends_at(), self._aux_outputs.deadline]
         return min(moments)
 
     def _due_frames(self, now: float) -> list[bytes]:
-        frames = self._output_frames(now)
+        self._tell_sent()
+        frames: list[bytes] = []
+        if self.configuration is not None and not self._another:
+            frames += self.outputs.frames(now, self._count()) + self._aux_outputs.frames(now)
         if self._lockout.is_due(now):
-            self._lockout.sent(now)
             frames.append(Lockout().to_bytes())
-        return frames + self._poller.take(now, self._wanted())
+        return frames + self._poller.frames(now, self._wanted())
 
     # What the node asks.
 
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input; a true stops even if a false follows before the next poll."""
         self._expire(now)
-        self._estop_in.feed(now)
-        self._estop_value = value
+        self._gate.hear_stop(value, now)
         self._refresh(now)
 
     def set_pulses(self, us: Sequence[int], now: float) -> None:
@@ -470,8 +475,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._expire(now)
         if not self._confirmed:
             raise ValueError('the SSC has not reported yet what its auxiliary channels are')
-        if self._stopped and not self.settings.keep_aux_outputs:
-            reasons = self.stop_reasons(now) + self._estop_in_reasons(now)
+        if not (self._gate.is_open or self.settings.keep_aux_outputs):
+            reasons = self._gate.forbidden(now, self.stop_reasons(now))
             raise ValueError(f'stopped: {"; ".join(reasons)}')
         self._aux_outputs.ask(requests)
 
@@ -503,7 +508,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         most = MAX_OUTPUTS if known is None else known.outputs
         if max(us) > most:
             raise ValueError(f'output {max(us)}: there are {most}')
-        if not self._stopped:
+        if self._gate.is_open:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
 
@@ -524,17 +529,12 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Tell whether sticks count."""
         return not self.verdict.estop
 
-    def _estop_in_reasons(self, now: float) -> list[str]:
-        if self._estop_in.expired(now):
-            return [f'e-stop input is stale: {self._estop_in.describe(now)}']
-        return ['e-stop input is true'] if self._estop_value else []
-
     def _stop(self, reasons: Sequence[str], now: float) -> None:
-        """Have every output at its failsafe; what was asked is forgotten."""
-        self._begin_failsafe(self.outputs.forget(), reasons)
-        if not (self._stopped or self.settings.keep_aux_outputs):
-            self._aux_outputs.stop(now)
-        self._stopped = True
+        """Have every output at its failsafe, if there are reasons; what was asked is forgotten."""
+        if reasons:
+            self._begin_failsafe(self.outputs.forget(), reasons)
+            if not self.settings.keep_aux_outputs:
+                self._aux_outputs.stop(now)
 
     def _begin_failsafe(self, names: Sequence[str], reasons: Sequence[str]) -> None:
         if names:
@@ -548,13 +548,6 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Return how many outputs there are, as far as is known."""
         known = self.configuration
         return len(self.outputs.sent) if known is None else known.outputs
-
-    def _output_frames(self, now: float) -> list[bytes]:
-        if self.configuration is None or self._another:
-            return []
-        pulses = self.outputs.frames(now, self._count())
-        self._tell_sent()
-        return pulses + self._aux_outputs.take(now, at_once=False)
 
     def _tell_sent(self) -> None:
         if self.outputs.sent != self._told:

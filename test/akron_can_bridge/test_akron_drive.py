@@ -1,10 +1,11 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The Akron output gate by itself: what shuts it, what it forgets, and what is due when."""
+"""The Akron output by itself: what shuts it, what it forgets, and what is due when."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
@@ -13,20 +14,34 @@ import pytest
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Permission
 from akron_can_bridge.session import Settings
 from akron_can_bridge.session.drive import Command, Drive, PAUSE_TIME
-from bridge_core.j1939 import CanFrame
-from stage.akron_session_rig import COMMAND_LIMIT, ESTOP_LIMIT, MOVE, MOVING, NEUTRAL, REST, UNIT
+from stage.akron_session_rig import (
+    COMMAND_LIMIT,
+    ESTOP_LIMIT,
+    MOVE,
+    MOVING,
+    NEUTRAL,
+    PAUSE,
+    REST,
+    SLOT,
+    UNIT,
+)
 
 NOW = 100.0
 RIGHT = Permission.RIGHT
-PAUSE = bytes.fromhex('0100010000000400')  # switch 7, by the manual's table
 AT_REST, AT_WORK = Command(*REST), Command(*MOVE)
 JOYSTICK, PERMISSION = 0x0CFDD638, 0x18EF8038
 
 
-def moving(**options: Any) -> Drive:
-    """Return one whose frames move the unit."""
+def started(**options: Any) -> Drive:
     drive = Drive(Settings(**options))
     drive.start(NOW)
+    return drive
+
+
+def moving(**options: Any) -> Drive:
+    """Return one whose frames move the unit; the next slot is at NOW + SLOT."""
+    drive = started(**options)
+    assert said(drive, NOW) == NEUTRAL
     drive.set_estop(False, NOW)
     drive.set_command(AT_REST, NOW, [])
     drive.set_command(AT_WORK, NOW, [])
@@ -34,52 +49,44 @@ def moving(**options: Any) -> Drive:
     return drive
 
 
-def said(drive: Drive, now: float) -> bytes:
-    """Return the data of the one frame that is due."""
+def said(drive: Drive, now: float, *, taken: bool = True) -> bytes:
+    """Return the data of the one frame that is due. :param taken: by the line."""
     (frame,) = drive.joystick_frames(now)
     assert frame.identifier == JOYSTICK
+    if taken:
+        drive.stick_sent(now)
     return frame.data
 
 
+def permitted(drive: Drive, now: float, unit: int | None = UNIT) -> list[str]:
+    """Return the A1 that goes out, in hexadecimal."""
+    frames = drive.permissive_frames(now, unit, RIGHT)
+    for frame in frames:
+        drive.permission_sent(frame, now)
+    return [f'{frame.identifier:08X} {frame.data.hex().upper()}' for frame in frames]
+
+
 def test_stopped_drive_has_no_frame_due() -> None:
-    drive = moving(soe_permissive=True)
-    assert drive.permissive_frames(NOW, UNIT, RIGHT)
-    assert drive.due == NOW
-    drive.extended_refused(NOW)
+    drive = started(soe_permissive=True, extended=True)
+    assert permitted(drive, NOW)
     drive.stop()
     assert drive.due == math.inf
     assert drive.joystick_frames(NOW + 9.0) == []
-    assert drive.permissive_frames(NOW + 9.0, UNIT, RIGHT) == []
-
-
-def test_former_unit_is_told_nothing_on_a_port_that_was_opened_again() -> None:
-    drive = moving(soe_permissive=True)
-    assert drive.permissive_frames(NOW, UNIT, RIGHT)
-    drive.forget()
-    drive.stop()
-    drive.start(NOW + 1.0)
-    assert drive.permissive_frames(NOW + 1.0, None, Permission(0)) == []
 
 
 # -- what a port that closed, or input that was lost, leaves behind -------------------------------
 
 
-def test_forgotten_command_does_not_go_out() -> None:
+def test_forgotten_command_does_not_go_out_and_the_gate_is_shut() -> None:
     drive = moving()
     drive.forget()
     assert not drive.moving
-    assert said(drive, NOW) == NEUTRAL
-
-
-def test_gate_is_shut_once_all_is_forgotten() -> None:
-    drive = moving()
-    drive.forget()
     drive.set_command(AT_WORK, NOW, [])
     assert not drive.moving
     drive.set_estop(False, NOW)
     drive.set_command(AT_WORK, NOW, [])
-    assert said(drive, NOW) == NEUTRAL
     assert drive.inhibits(NOW, []) == ['the command must be neutral once']
+    assert said(drive, NOW + SLOT) == NEUTRAL
 
 
 def test_forgotten_estop_input_is_not_taken_for_released() -> None:
@@ -100,32 +107,17 @@ def test_forgotten_command_is_neither_fresh_nor_refused() -> None:
     assert drive.stale(NOW)
 
 
-def test_forgotten_pause_is_not_pressed_on() -> None:
-    drive = Drive(Settings())
-    drive.start(NOW)
-    drive.pause(NOW)
-    assert said(drive, NOW) == PAUSE
-    drive.forget()
-    drive.start(NOW + 0.02)
-    assert said(drive, NOW + 0.02) == NEUTRAL
-
-
-def test_permission_is_said_anew_on_a_port_that_was_opened_again() -> None:
+def test_permission_is_said_anew_where_the_unit_may_have_missed_it() -> None:
     drive = Drive(Settings(soe_permissive=True))
-    frame = CanFrame(PERMISSION, bytes.fromhex('A10001'))
-    assert drive.permissive_frames(NOW, UNIT, RIGHT) == [frame]
-    assert drive.permissive_frames(NOW, UNIT, RIGHT) == []
-    drive.stop()
+    frame = [f'{PERMISSION:08X} A10001']
+    assert permitted(drive, NOW) == frame
+    assert permitted(drive, NOW) == []
     drive.forget()
-    assert drive.permissive_frames(NOW + 0.02, UNIT, RIGHT) == [frame]
-
-
-def test_permission_is_said_anew_to_a_unit_that_is_back() -> None:
-    drive = Drive(Settings(soe_permissive=True))
-    frame = CanFrame(PERMISSION, bytes.fromhex('A10001'))
-    assert drive.permissive_frames(NOW, UNIT, RIGHT) == [frame]
-    assert drive.permissive_frames(NOW, None, RIGHT) == []
-    assert drive.permissive_frames(NOW + 0.02, UNIT, RIGHT) == [frame]
+    drive.stop()  # the port was closed, and is opened again
+    assert permitted(drive, NOW + 0.02, None) == []  # nothing to the former unit either
+    assert permitted(drive, NOW + 0.02) == frame
+    assert permitted(drive, NOW + 0.03, None) == []  # the unit has lost its address
+    assert permitted(drive, NOW + 0.04) == frame
 
 
 def test_farewell_leaves_nothing_commanded_and_needs_no_unit() -> None:
@@ -165,76 +157,71 @@ def test_target_of_the_grip_is_motion_that_goes_on_by_itself() -> None:
     assert drive.automatic
 
 
-def test_pause_is_pressed_at_once_and_no_longer_than_its_time() -> None:
-    drive = Drive(Settings())
-    drive.start(NOW)
-    assert said(drive, NOW) == NEUTRAL
-    drive.pause(NOW + 0.001)
-    assert drive.due == NOW + 0.001
-    assert said(drive, NOW + 0.001) == PAUSE
-    assert said(drive, NOW + 0.001 + PAUSE_TIME - 1e-6) == PAUSE
-    drive.start(NOW + 0.001 + PAUSE_TIME)
-    assert said(drive, NOW + 0.001 + PAUSE_TIME) == NEUTRAL
+START = NOW + 0.001  # of a press
 
 
-def test_command_is_not_lost_to_a_pause_that_is_still_pressed() -> None:
-    drive = moving()
+@pytest.mark.parametrize(
+    ('taken', 'expected'),
+    [
+        # When each frame goes, whether the line takes it, and what it is.
+        ((0.0, True), [(0.02, PAUSE), (PAUSE_TIME - 1e-6, PAUSE), (PAUSE_TIME, NEUTRAL)]),
+        ((0.0, False), [(0.001, PAUSE), (0.1, PAUSE)]),
+        ((0.0, False), [(SLOT, NEUTRAL)]),  # it came too late
+    ],
+)
+def test_press_begins_within_a_slot_and_lasts_its_time(
+    taken: tuple[float, bool], expected: list[tuple[float, bytes]]
+) -> None:
+    drive = started()
+    said(drive, NOW)
+    drive.pause(START)
+    assert drive.due == START
+    assert said(drive, START + taken[0], taken=taken[1]) == PAUSE
+    for after, data in expected:
+        drive.start(START + after)
+        assert said(drive, START + after) == data
+
+
+def test_press_is_told_once_by_its_first_frame() -> None:
+    drive = started()
     drive.pause(NOW)
-    assert said(drive, NOW) == MOVING
-
-
-# -- a press that the line did not take -----------------------------------------------------------
-
-
-def test_press_of_which_nothing_went_out_is_none() -> None:
-    drive = Drive(Settings())
-    drive.start(NOW)
-    drive.pause(NOW)
-    assert said(drive, NOW) == PAUSE
-    assert drive.stick_refused(NOW)
-    assert said(drive, NOW + 0.001) == NEUTRAL
-
-
-def test_press_of_which_something_went_out_goes_on() -> None:
-    drive = Drive(Settings())
-    drive.start(NOW)
-    drive.pause(NOW)
-    assert said(drive, NOW) == PAUSE
-    assert said(drive, NOW + 0.02) == PAUSE
-    assert not drive.stick_refused(NOW + 0.02)
-    assert said(drive, NOW + 0.021) == PAUSE
+    assert [drive.stick_sent(NOW + n * SLOT) for n in range(12)] == [True, *[False] * 11]
 
 
 def test_press_does_not_go_on_behind_a_command_in_its_midst() -> None:
     drive = moving()
     drive.set_command(AT_REST, NOW, [])
-    drive.pause(NOW)
-    assert said(drive, NOW) == PAUSE
+    drive.pause(START)
+    assert said(drive, START) == PAUSE
     drive.set_command(AT_WORK, NOW + 0.025, [])
     assert said(drive, NOW + 0.025) == MOVING
     drive.set_command(AT_REST, NOW + 0.05, [])
     assert said(drive, NOW + 0.05) == NEUTRAL
 
 
-def test_press_begins_behind_a_command_before_its_first_frame() -> None:
+def test_command_is_not_lost_to_a_press_and_a_forgotten_press_is_none() -> None:
     drive = moving()
-    drive.pause(NOW)
-    assert said(drive, NOW) == MOVING
-    drive.set_command(AT_REST, NOW + 0.02, [])
-    assert said(drive, NOW + 0.02) == PAUSE
-    assert drive.stick_refused(NOW + 0.02)
-    assert said(drive, NOW + 0.021) == NEUTRAL
+    drive.pause(START)
+    assert said(drive, START) == MOVING
+    drive.set_command(AT_REST, START, [])
+    drive.pause(START)
+    drive.forget()
+    assert said(drive, START) == NEUTRAL
 
 
 # -- until when we asked for the motion that the unit reports -------------------------------------
 
 
-def test_motion_was_asked_for_until_the_stick_was_let_go_of() -> None:
+@pytest.mark.parametrize(
+    'end', [lambda drive, at: drive.set_command(AT_REST, at, []), lambda d, at: d.watch(at, ['x'])]
+)
+def test_motion_was_asked_for_until_the_stick_was_let_go_of_or_a_stop(
+    end: Callable[[Drive, float], Any],
+) -> None:
     drive = moving()
-    drive.set_command(AT_REST, NOW + 0.1, [])
-    assert drive.asked_until == NOW + 0.1
-    drive.set_command(AT_REST, NOW + 0.2, [])
-    assert drive.asked_until == NOW + 0.1
+    for after in (0.1, 0.15):
+        end(drive, NOW + after)
+        assert drive.asked_until == NOW + 0.1
 
 
 @pytest.mark.parametrize(('x', 'y'), [(1, 0), (0, -1)])
@@ -242,13 +229,5 @@ def test_stick_that_leaves_its_centre_on_one_axis_asks_for_motion(x: int, y: int
     drive = moving()
     drive.set_command(Command(BasicJoystick(Axis.of(x), Axis.of(y)), REST[1]), NOW + 0.1, [])
     assert drive.pushes
-    drive.set_command(AT_REST, NOW + 0.2, [])
-    assert drive.asked_until == NOW + 0.2
-
-
-def test_motion_was_asked_for_until_a_stop() -> None:
-    drive = moving()
-    drive.watch(NOW + 0.1, ['a reason'])
-    assert drive.asked_until == NOW + 0.1
-    drive.watch(NOW + 0.2, ['a reason'])
-    assert drive.asked_until == NOW + 0.1
+    drive.set_command(AT_REST, NOW + 0.15, [])
+    assert drive.asked_until == NOW + 0.15

@@ -55,20 +55,32 @@ def test_name_claimed_before_a_new_start_is_not_held_against_the_unit() -> None:
 def test_address_lost_after_a_new_start_is_asked_for_at_once() -> None:
     finder = started()
     assert finder.request_due(NOW, heard=False)
+    finder.request_sent(NOW)
     finder.start(NOW + 0.01)
     finder.announced(UNIT, OURS, NOW + 0.01)
     assert 'has lost address 80' in finder.claimed(UNIT, STRANGER, NOW + 0.01)
     assert finder.request_due(NOW + 0.01, heard=True)
 
 
-def test_claim_within_a_second_of_our_request_is_its_answer_and_no_restart() -> None:
+@pytest.mark.parametrize(
+    ('asked', 'name', 'after', 'restarted'),
+    [
+        (False, NAME, 0.0, True),
+        (True, NAME, 1.0, False),
+        (True, NAME, 1.0 + 1e-6, True),
+        (False, STRANGER, 0.0, False),
+    ],
+)
+def test_claim_within_a_second_of_a_request_is_its_answer_and_no_restart(
+    asked: bool, name: Name, after: float, restarted: bool
+) -> None:
     finder = started()
     finder.announced(UNIT, OURS, NOW)
-    assert finder.restarts(UNIT, NAME, NOW)
-    assert finder.request_due(NOW, heard=False)
-    assert not finder.restarts(UNIT, NAME, NOW + 1.0)
-    assert finder.restarts(UNIT, NAME, NOW + 1.0 + 1e-6)
-    assert not finder.restarts(UNIT, STRANGER, NOW + 2.0)
+    if asked:
+        finder.request_sent(NOW)
+    finder.expect_reset()
+    finder.claimed(UNIT, name, NOW + after)
+    assert finder.is_back(OURS, NOW + 9.0) is restarted
 
 
 def test_unit_of_a_session_before_is_the_only_one() -> None:

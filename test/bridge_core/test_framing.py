@@ -346,7 +346,7 @@ class Meter:
         assert len(head) == self._fmt.head_size
         return self._fmt.size_of(head)
 
-    def _decode(self, frame: bytes) -> bytes | Unknown | None:
+    def _decode(self, frame: bytes) -> bytes | Unknown:
         self.calls += 1
         self.checked_bytes += len(frame)
         return self._fmt.decode(frame)

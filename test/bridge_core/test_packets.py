@@ -79,6 +79,6 @@ def test_partial_packet_has_twice_the_time_that_the_longest_known_one_takes(
     """One of three bytes, six about it: here a type of two lengths and a shorter one."""
     lengths = {1: (2, 3), 2: (1,)}
     packets = PacketFormat(b'\x10\x20', max_length=200, lengths=lengths, summed_from=2)
-    parser = packets.parser(lambda kind, payload: payload, {}, baud)
+    parser = packets.parser(lambda kind, payload: payload, baud)
     parser.feed(PACKET[:3], 100.0)
     assert parser.deadline == pytest.approx(100.0 + seconds)

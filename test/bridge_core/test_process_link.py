@@ -13,6 +13,7 @@ import ast
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import ctypes
+from dataclasses import replace
 import errno
 import functools
 import math
@@ -38,7 +39,7 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Answer, Level, StopChanged, Verdict
 from bridge_core.transports import process, TransportError, wire_process
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
+from bridge_core.transports.request import Call, Request
 from bridge_core.transports.wire_process import Node
 from stage import gated_wire
 from stage.endings import each_ending, first_of
@@ -52,6 +53,7 @@ from stage.toy_rig import (
     ESTOP,
     is_running,
     OUTLASTS_GAPS,
+    runs,
     spares_of,
     ToyDevice,
     wait_repeats,
@@ -691,13 +693,17 @@ def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct)
     wire = direct.wire()
     os.kill(wire, SIGSTOP)
     for _ in range(20000):
-        direct.link.request('request_stop', False)
-    direct.link.request('request_stop', True, stop=True)
+        direct.link.request(Call('request_stop', (False,)))
+    direct.link.request(Call('request_stop', (True,)), stop=True)
     # Either it is taken in, or there is no wire any more that could go on without it.
     wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
     direct.pty.wait_received(b'h')
     wait_for(direct.is_healthy, 5.0, 'a new one')
     assert direct.wire() != wire
+
+
+def patient(patch: pytest.MonkeyPatch, **times: float) -> None:
+    patch.setattr(ProcessLink, 'TIMES', replace(ProcessLink.TIMES, **times))
 
 
 @pytest.fixture
@@ -713,18 +719,20 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_stops_kill_no_wire_that_loads(
     pty: Pty, gate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # a busy machine kills none, either
+    patient(monkeypatch, kill=math.inf)  # a busy machine kills none, either
     with contextlib.closing(Direct(pty)) as direct:
         [loads] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a process')
         # None is said to be taken, so whoever asks once only knows that it was in vain.
-        assert not any(direct.link.request('request_stop', True, stop=True) for _ in range(5000))
-        pinged = direct.link.request('ping', waits=True)
+        assert not any(
+            direct.link.request(Call('request_stop', (True,)), stop=True) for _ in range(5000)
+        )
+        pinged = direct.link.request(Call('ping'), waits=True)
         refused = (pinged, 'ping', 'its wire takes nothing')
         wait_for(lambda: direct.owner.refused == [refused], 5.0, 'a refusal at once')
         gate.open('w').close()
         direct.activate()
         assert direct.wire() == loads
-        assert direct.link.request('request_stop', True, stop=True)
+        assert direct.link.request(Call('request_stop', (True,)), stop=True)
 
 
 @each_ending
@@ -793,7 +801,7 @@ def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: 
 def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(process, '_SPARE_TIME', math.inf)  # as soon after the last take-over
+    patient(monkeypatch, spare=math.inf)  # as soon after the last take-over
     direct = Direct(pty)
     direct.activate()
     wire = direct.wire()
@@ -840,8 +848,8 @@ def test_stop_behind_a_flood_reaches_a_wire_that_runs(direct: Direct) -> None:
     log = direct.owner.log
     log.clear()
     for _ in range(2000):
-        direct.link.request('request_stop', False)
-    direct.link.request('request_stop', True, stop=True)
+        direct.link.request(Call('request_stop', (False,)))
+    direct.link.request(Call('request_stop', (True,)), stop=True)
     # A wire that did not run, and had no more room, was ended: its owner stops at that.
     wait_for(lambda: 'stop True' in log or 'lost' in log, 5.0, 'the stop')
 
@@ -906,7 +914,7 @@ def test_wire_works_without_a_spare_where_no_more_processes_are_allowed(
         tries.append(arguments)
         raise OSError('no more processes')
 
-    monkeypatch.setattr(process, '_KILL_TIME', math.inf)  # there is none for one that hangs
+    patient(monkeypatch, kill=math.inf)  # there is none for one that hangs
     [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
     monkeypatch.setattr(subprocess, 'Popen', refuse)
     wire = direct.wire()  # not before: the spare may have taken over while it was waited for
@@ -1017,7 +1025,7 @@ def test_wire_takes_in_what_was_asked_before_the_node_went(
     node, theirs = ends
     if unread:
         node.done(1, '')
-    asked = Request(1, 'estop', 'set_estop', (True,), 1.0, stop=True)
+    asked = Request(1, 'estop', Call('set_estop', (True,)), 1.0, stop=True)
     theirs.send(pickle.dumps(tuple(asked)))
     theirs.close()
     assert node.take() == [asked]
@@ -1052,6 +1060,7 @@ def test_nothing_is_raised_by_telling_a_node_that_is_gone(
 # Node and wire die at once.
 
 ALONE = """
+from dataclasses import replace
 import math
 import sys
 import threading
@@ -1066,7 +1075,8 @@ class Owner:
     def pace(self, now):
         return now + 0.02
 
-process._SPARE_TIME, process._KILL_TIME = 0.0, math.inf  # a busy machine kills none
+link = process.ProcessLink
+link.TIMES = replace(link.TIMES, spare=0.0, kill=math.inf)  # a busy machine kills none
 process._PROGRAM = sys.argv[3]
 link = process.ProcessLink('alone', BRIDGE, Owner(), device=sys.argv[1])
 link.start()
@@ -1104,9 +1114,16 @@ class Alone:
         self.node.stdin.close()  # what follows may begin
         self.node.stdout.readline()
 
-    def kill(self, *names: str) -> None:
-        for each in names:
-            os.kill(self.pids[each], SIGKILL)
+    def kill(self, name: str) -> None:
+        os.kill(self.pids[name], SIGKILL)
+
+    def kill_both(self) -> None:
+        """Kill node and wire; both are stopped before, as the wire may see the node's end."""
+        both = self.pids['node'], self.pids['wire']
+        for signal in (SIGSTOP, SIGKILL):
+            for pid in both:
+                os.kill(pid, signal)
+            wait_for(lambda: not any(runs(pid) for pid in both), 5.0, 'that both stand still')
 
     def ports_of(self, name: str) -> list[int]:
         """Return the descriptors that it has of the port."""
@@ -1155,7 +1172,7 @@ def test_spare_that_still_loads_as_node_and_wire_die_says_the_farewell(
     opener = threading.Thread(target=lambda: gate.open('w').close(), daemon=True)
     opener.start()  # of the wire; the spare finds the gate shut
     with contextlib.closing(Alone(pty, ready=False)) as alone:
-        alone.kill('node', 'wire')
+        alone.kill_both()
         wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
         assert alone.ends() == 1
 
@@ -1166,7 +1183,7 @@ def test_farewell_waits_for_a_port_that_is_still_held(alone: Alone) -> None:
     held = [pidfd_getfd(process, number) for number in alone.ports_of('wire')]
     os.close(process)
     assert held
-    alone.kill('node', 'wire')
+    alone.kill_both()
     wait_for(lambda: not is_running(alone.pids['wire']), 5.0, 'the end of the wire')
     holds_for(lambda: is_running(alone.pids['spare']), 0.3)
     alone.pty.read()
@@ -1190,7 +1207,7 @@ def test_node_that_dies_after_a_farewell_has_it_said_once(alone: Alone) -> None:
 
 def test_nothing_is_said_where_nothing_is_in_force(pty: Pty) -> None:
     with contextlib.closing(Alone(pty, then='link.deactivate()')) as alone:
-        alone.kill('node', 'wire')
+        alone.kill_both()
         assert alone.ends() == 1  # of the deactivation
 
 

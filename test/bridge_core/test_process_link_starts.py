@@ -10,7 +10,6 @@ The clock is the test's, and so are the processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import errno
 import importlib
 import itertools
 import os
@@ -27,102 +26,13 @@ from typing import Any
 import pytest
 
 from bridge_core import realtime
-from bridge_core.session import StopChanged, Verdict
-from bridge_core.transports import process, wire_process
-from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
+from bridge_core.transports import child, wire_process
+from bridge_core.transports.request import Call
+from bridge_core.transports.wire_process import ENDING, InForce, Node, TURN
 from bridge_core.waiting import ready
+from stage.process_rig import StartBench as Bench
 from stage.rig import ROOT
 from stage.toy_wire import BRIDGE
-from test.bridge_core.test_process_link_steps import Child, StepBench
-
-
-class Started(Child):
-    """A process that a link has started, with ``node``, its end; a test has it say things."""
-
-    def __init__(self, bench: Bench, words: list[str], options: dict[str, Any]) -> None:
-        super().__init__(len(bench.children) + 1)
-        self.bench, self.words, self.options = bench, words, options
-        self.node = Node(os.dup(options['pass_fds'][0]))
-
-    def beat(self) -> None:
-        """Say that it lives, as it does first once it has loaded."""
-        self.node._tell('beat')
-
-    def clear(self) -> None:
-        """Say that nothing demands a stop."""
-        self.node.on_events([StopChanged(Verdict())], self.bench.now)
-
-    def done(self, number: int) -> None:
-        self.node.done(number, '')
-        self.bench.step()
-
-    def die(self, returncode: int = -signal.SIGKILL) -> None:
-        self.returncode = returncode
-        self.node._socket.close()
-
-    def told(self) -> list[str]:
-        """Return the words that it was told, up to the end if that is there."""
-        words = []
-        while data := receive(self.node._socket):
-            words.append('turn' if data == TURN else pickle.loads(data)[2])
-        return words if data is None else [*words, 'end']
-
-
-class Bench(StepBench):
-    """A link without a process yet."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, **options: Any) -> None:
-        super().__init__(patch, **options)
-        self.children: list[Started] = []
-        self.tries: list[float] = []  # to start one
-        self.refuses = False  # the system, to start one
-        patch.setattr(subprocess, 'Popen', self._popen)
-        start = self.link._new_process
-
-        def checked(now: float) -> process._Process:
-            made = start(now)
-            assert not made.socket.getblocking()  # else a test would wait for ever
-            return made
-
-        patch.setattr(self.link, '_new_process', checked)
-
-    def _popen(self, words: list[str], **options: Any) -> Started:
-        self.tries.append(self.now)
-        if self.refuses:
-            raise OSError(errno.EAGAIN, 'too many')
-        self.children.append(Started(self, words, options))
-        return self.children[-1]
-
-    def close(self) -> None:
-        super().close()
-        for each in (self.link._wire, self.link._spare):
-            if each is not None:
-                each.socket.close()
-        for child in self.children:
-            child.node._socket.close()
-
-    def live(self, until: float) -> None:
-        """Go on, with a wire that is heard."""
-        while self.now < until:
-            self.children[0].node.pace(self.now)
-            self.step()
-
-    def start_both(self) -> tuple[Started, Started]:
-        """Have a wire that runs, and a spare that is ready."""
-        self.step()
-        self.children[0].clear()
-        self.live(self.now + 1.1)
-        wire, spare = self.children
-        spare.beat()
-        self.live(self.now + 0.1)
-        return wire, spare
-
-    def start_moving(self) -> tuple[Started, Started]:
-        """Have a wire with an activation in force, and a spare that is ready."""
-        wire, spare = self.start_both()
-        self.command(1, 'activate', [])
-        wire.done(1)
-        return wire, spare
 
 
 @pytest.fixture
@@ -269,8 +179,8 @@ def test_environment_leads_to_what_the_node_has_imported(
     monkeypatch.setattr(sys, 'path', ['', '/somewhere', ''])
     monkeypatch.setenv('ROS_DOMAIN_ID', '42')
     monkeypatch.chdir(tmp_path)
-    found = process.environment('stage.toy_wire')
-    roots = dict.fromkeys((Path(process.__file__).parents[2], ROOT))
+    found = child.environment('stage.toy_wire')
+    roots = dict.fromkeys((Path(child.__file__).parents[2], ROOT))
     assert found['PYTHONPATH'].split(':') == [*map(str, roots), str(tmp_path), '/somewhere']
     assert found['PYTHONHOME'] == f'{sys.base_prefix}:{sys.base_exec_prefix}'
     assert found['PYTHONSAFEPATH'] == '1'
@@ -319,7 +229,7 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
     wire.die()
     bench.step()
     bench.step()
-    assert bench.link.request('say', 'x' * 70000)
+    assert bench.link.request(Call('say', ('x' * 70000,)))
     bench.step()
     assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
 
@@ -368,7 +278,8 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
     ],
 )
 def test_end_of_a_process_is_told_in_words(returncode: int, words: str) -> None:
-    assert process._cause(returncode) == words
+    ended: Any = SimpleNamespace(returncode=returncode)
+    assert child.Child(ended, None).cause() == words  # type: ignore[arg-type]
 
 
 # -- the node leaves ------------------------------------------------------------------------------
@@ -395,7 +306,7 @@ def test_spare_says_the_farewell_for_a_moving_wire_that_does_not(
         assert (wire.waited, wire.kills) == ([0.2, None], 1)
         asked = 'activate' if moving == 'activation in force' else 'deactivate'
         assert spare.told() == ['turn', asked, 'end']
-        assert bench.link.request('request_stop', True, stop=True) == 0
+        assert bench.link.request(Call('request_stop', (True,)), stop=True) == 0
         assert (spare.waited, spare.kills) == ([], 0)
 
 
@@ -482,7 +393,7 @@ def test_stop_ends_the_thread_and_closes_its_descriptors_once(
     bench.link.stop()
     bench.link.stop()
     assert closed == opened
-    assert bench.link.request('ping') == 0
+    assert bench.link.request(Call('ping')) == 0
 
 
 def test_stop_from_the_thread_itself_leaves_it_its_descriptor(

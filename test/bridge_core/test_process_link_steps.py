@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 import errno
 import math
 import os
@@ -13,170 +13,19 @@ import pickle
 import socket
 import subprocess
 import traceback
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from bridge_core import clock
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.supervisor import Stage
 from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
-from bridge_core.transports.wire import Request
-from bridge_core.transports.wire_process import Node, receive, TURN
-from bridge_core.waiting import ready
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
+from bridge_core.transports.wire_process import receive
 from stage.link_rig import FakeOwner
+from stage.process_rig import LinkBench
 from stage.toy_wire import BRIDGE
-
-
-class StoppedOwner(FakeOwner):
-    """To whom a link that is lost is a stop, as to the node."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.verdicts: list[Verdict] = []
-
-    def on_events(self, events: Sequence[Any], now: float) -> None:
-        self.verdicts += [each.verdict for each in events if isinstance(each, StopChanged)]
-        super().on_events(events, now)
-
-    def link_changed(self, text: str, ok: bool) -> None:
-        super().link_changed(text, ok)
-        if not ok:
-            self._publish(True)
-
-
-class Child:
-    """A process, in the place of its Popen."""
-
-    def __init__(self, pid: int = 1) -> None:
-        self.pid, self.returncode = pid, 0
-        self.hangs = False
-        self.kills = 0
-        self.waited: list[float | None] = []  # for its end
-
-    def kill(self) -> None:
-        self.kills += 1
-
-    def wait(self, timeout: float | None = None) -> int:
-        self.waited.append(timeout)
-        if self.hangs and timeout is not None:
-            raise subprocess.TimeoutExpired('wire', timeout)
-        return self.returncode
-
-
-class StepBench:
-    """A link whose thread is the test's."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, **options: Any) -> None:
-        self.now = 100.0
-        self.late = 0.0  # s that the next sleep takes longer
-        self.owner = StoppedOwner()
-        self.link = ProcessLink('link', BRIDGE, self.owner, **options)
-        patch.setattr(clock, 'now', lambda: self.now)
-        patch.setattr(process, 'ready', self._ready)
-
-    def _ready(self, descriptors: Sequence[int], timeout: float) -> list[int]:
-        found = ready(descriptors, 0.0)
-        if not found:
-            self.now += timeout + self.late
-            self.late = 0.0
-        return found
-
-    def close(self) -> None:
-        self.link.stop()
-
-    def step(self) -> None:
-        self.link._guarded_step()
-
-    def step_until(self, when: float) -> None:
-        while self.now < when:
-            self.step()
-
-    def troubles(self) -> list[str]:
-        """Return what was told of the link that is bad."""
-        return [line for line in self.owner.log if line.startswith('bad')]
-
-    def command(self, number: int, name: str, told: list[int]) -> None:
-        """Give the wire a command, whose number is in ``told`` once its end is."""
-        self.link._waiting[number] = lambda error: told.append(number)
-        arguments: tuple[Any, ...] = ({'number': number}, False) if name == 'activate' else ()
-        self.link._put(Request(number, name, name, arguments, self.now, stop=True), True)
-
-    def deactivate(self) -> list[str]:
-        """Deactivate, as if the link had its thread; return what the node waits for."""
-        sent: list[str] = []
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(self.link, '_thread', SimpleNamespace(is_alive=lambda: True))
-            patch.setattr(self.link, '_command', lambda timeout, name: sent.append(name))
-            self.link.deactivate()
-        return sent
-
-
-class LinkBench(StepBench):
-    """A link, and ``wire``, the end of its process."""
-
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        super().__init__(patch)
-        self.on_interrupt: Callable[[], None] = lambda: None
-        self.told: list[Request] = []  # what took over
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        ours.setblocking(False)
-        self.ours = ours
-        self.wire = Node(theirs.detach())
-        assert not os.get_blocking(self.wire.fileno())  # else a test would wait for ever
-        self.wire.wire = SimpleNamespace(interrupt=self._interrupt)  # type: ignore[assignment]
-        self.child = Child()
-        child: Any = self.child
-        self.link._wire = process._Process(child, ours, self.now, ready=True)
-        self.link._start_at = math.inf  # no spare
-        self.link._took_over_at = self.now
-        self.link._limit = self.link._kill_at = self.now + process.SILENCE_LIMIT
-
-    def _interrupt(self, reason: str, now: float) -> None:
-        self.on_interrupt()
-        self.wire.on_events([StopChanged(Verdict.stop(reason))], now)
-
-    def close(self) -> None:
-        self.ours.close()
-        self.wire._socket.close()
-        super().close()
-
-    def say(self, *events: Any) -> None:
-        """Have the wire tell events."""
-        self.wire.on_events(events, self.now)
-
-    def beat(self) -> None:
-        """Let the wire be heard, 25 ms later."""
-        self.now += 0.025
-        self.wire.pace(self.now)
-
-    def run(self) -> None:
-        """Have a wire that demands no stop."""
-        self.say(StopChanged(Verdict()))
-        self.step()
-        assert self.owner.told[-1] is False
-        self.owner.told.clear()
-
-    def fill(self) -> None:
-        """Send requests until none fits any more."""
-        self.ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
-        while self.link.request('ping'):
-            pass
-
-    def take_over(self) -> list[str]:
-        """Have another wire take over; return what it is told, and keep it all."""
-        self.ours.close()
-        self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        child: Any = Child(2)
-        with theirs:
-            self.link._take_over(process._Process(child, self.ours, self.now, ready=True))
-            assert theirs.recv(1 << 16) == TURN
-            self.ours.close()
-            told = iter(lambda: theirs.recv(1 << 16), b'')
-            self.told = [Request(*pickle.loads(data)) for data in told]
-        return [f'{request.number} {request.name}' for request in self.told]
 
 
 @pytest.fixture
@@ -329,7 +178,7 @@ def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> N
     bench.run()
     bench.say('first')
     bench.say('last')
-    assert bench.link.request('anything')
+    assert bench.link.request(Call('anything'))
     bench.wire._socket.close()
     bench.step()
     heard = [line for line in bench.owner.log if line in ('event first', 'event last', 'lost')]
@@ -349,7 +198,7 @@ def test_command_whose_end_found_no_room_has_ended_with_one_behind_it(
     bench.wire.done(3, error)
     bench.step()
     assert told == [1, 2, 3]
-    assert bench.take_over() == [*in_force, '4 activate']
+    assert bench.replace() == [*in_force, '4 activate']
 
 
 def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
@@ -361,7 +210,7 @@ def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
     bench.wire.done(2, '')
     bench.step()
     assert told == [2]
-    assert bench.take_over() == ['2 activate', '1 deactivate']
+    assert bench.replace() == ['2 activate', '1 deactivate']
 
 
 def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by_then(
@@ -375,10 +224,9 @@ def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by
     bench.command(2, 'deactivate', told)
     bench.command(3, 'activate', told)
     bench.owner.carried = {'sent': 2}
-    assert bench.take_over() == ['1 activate', '2 deactivate', '3 activate']
-    arguments = [request.arguments for request in bench.told]
-    first, last = ({'number': number, 'sent': 2, 'to': number} for number in (1, 3))
-    assert arguments == [(first, False), (), (last, False)]
+    assert bench.replace() == ['1 activate', '2 deactivate', '3 activate']
+    first, last = (Activate({'number': number, 'sent': 2, 'to': number}) for number in (1, 3))
+    assert [request.what for request in bench.told] == [first, Deactivate(), last]
 
 
 @pytest.mark.parametrize('ready', [True, False])
@@ -386,8 +234,8 @@ def test_process_that_cannot_start_has_time_for_its_last_words(
     bench: LinkBench, ready: bool
 ) -> None:
     """One that was at work has none: the device may still be moving."""
-    assert bench.link._wire is not None
-    bench.link._wire.ready = ready
+    if not ready:
+        bench.link._state.wire = Stage.LOADING
     bench.wire._socket.close()
     bench.step()
     assert bench.child.waited == ([] if ready else [0.2]) + [None]
@@ -404,7 +252,7 @@ def test_wire_has_the_priority_of_its_own_node(
         monkeypatch.setattr(os, 'sched_getscheduler', {0: policy}.__getitem__)
         link = ProcessLink('link', BRIDGE, FakeOwner(), rt_priority=own)
         monkeypatch.setattr(os, 'sched_getscheduler', lambda pid: os.SCHED_FIFO)
-        link._new_process(100.0).socket.close()
+        link._new_process().socket.close()
         link.stop()
     assert [words[-4] for words in started] == told
 
@@ -506,12 +354,12 @@ def test_request_that_is_too_long_is_refused_with_words_unless_it_is_a_stop(
     bench: LinkBench, size: int, stop: bool
 ) -> None:
     text = 'x' * 65000
-    request = Request(1, 'say', 'say', (text,), bench.now, stop=stop)
+    request = Request(1, 'say', Call('say', (text,)), bench.now, stop=stop)
     text += 'x' * (size - len(pickle.dumps(tuple(request))))
     refused = size > 1 << 16 and not stop
-    assert bench.link.request('say', text, stop=stop) == 1
+    assert bench.link.request(Call('say', (text,)), stop=stop) == 1
     bench.step()
-    assert [each.arguments for each in bench.wire.take()] == [(text,)] * (not refused)
+    assert [each.what for each in bench.wire.take()] == [Call('say', (text,))] * (not refused)
     words = [(1, 'say', 'it takes 65537 bytes; 65536 are allowed')]
     assert bench.owner.refused == words * refused
 
@@ -524,11 +372,11 @@ def test_request_that_no_wire_takes_is_refused_where_somebody_waits(
     if wire == 'is full':
         bench.fill()
     elif wire == 'loads':
-        bench.link._wire.ready = False  # type: ignore[union-attr]
+        bench.link._state.wire = Stage.LOADING
     else:
         bench.link._wire = None
-    assert bench.link.request('ping') == 0
-    number = bench.link.request('ping', key='press', waits=True)
+    assert bench.link.request(Call('ping')) == 0
+    number = bench.link.request(Call('ping'), key='press', waits=True)
     assert number
     began = bench.now
     bench.step()
@@ -542,7 +390,7 @@ def test_refusal_says_what_is_wrong_with_the_wire(bench: LinkBench) -> None:
     bench.run()
     bench.wire._socket.close()
     bench.step()
-    assert bench.link.request('ping', waits=True)
+    assert bench.link.request(Call('ping'), waits=True)
     bench.step()
     assert bench.owner.refused[0][2] == bench.troubles()[0].removeprefix('bad ')
 
@@ -550,7 +398,7 @@ def test_refusal_says_what_is_wrong_with_the_wire(bench: LinkBench) -> None:
 @pytest.mark.parametrize('stop', [False, True])
 def test_wire_that_does_not_take_a_stop_is_killed(bench: LinkBench, stop: bool) -> None:
     bench.fill()
-    assert bench.link.request('request_stop', True, stop=stop) == 0
+    assert bench.link.request(Call('request_stop', (True,)), stop=stop) == 0
     assert bench.child.kills == stop
 
 
@@ -566,7 +414,7 @@ def test_what_the_session_refuses_is_told(bench: LinkBench) -> None:
 def test_activation_that_is_waited_for_is_none_to_go_back_to(bench: LinkBench) -> None:
     bench.command(1, 'activate', [])
     bench.command(2, 'activate', [])
-    assert bench.take_over() == ['1 activate', '2 activate']
+    assert bench.replace() == ['1 activate', '2 activate']
 
 
 def test_deactivation_of_what_is_not_active_ends(bench: LinkBench) -> None:
@@ -582,14 +430,14 @@ def test_deactivation_of_what_is_not_active_ends(bench: LinkBench) -> None:
     ('asked', 'ended', 'waits'),
     [
         ([], [], []),
-        (['activate'], [], ['deactivate']),
-        (['activate'], [1], ['deactivate']),
-        (['deactivate'], [], ['deactivate']),
+        (['activate'], [], [Deactivate()]),
+        (['activate'], [1], [Deactivate()]),
+        (['deactivate'], [], [Deactivate()]),
         (['activate', 'deactivate'], [2], []),
     ],
 )
 def test_farewell_is_waited_for_where_there_may_be_one(
-    bench: LinkBench, asked: list[str], ended: list[int], waits: list[str]
+    bench: LinkBench, asked: list[str], ended: list[int], waits: list[Deactivate]
 ) -> None:
     for number, name in enumerate(asked, 1):
         bench.command(number, name, [])
@@ -633,7 +481,7 @@ def test_wire_that_could_not_tell_something_interrupts_its_session_once_it_can(
 def test_requests_are_taken_to_the_last_one_and_then_the_end(bench: LinkBench) -> None:
     assert bench.wire.take() == []
     for _ in range(100):
-        assert bench.link.request('ping')
+        assert bench.link.request(Call('ping'))
     bench.ours.close()
     first = bench.wire.take()
     assert len(first) < 100  # the port has its turn between

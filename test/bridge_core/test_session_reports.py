@@ -18,8 +18,6 @@ from esi_drive_bridge.protocol import (
     Status,
 )
 from esi_drive_bridge.session import report as esi
-from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode, RemoteStatus
-from fort_vsc_bridge.session import report as vsc
 from ssc_bridge.channels import Servo
 from ssc_bridge.protocol import CommandState, Configuration, DigitalInput, Status as SscStatus
 from ssc_bridge.session import report as ssc, Settings as SscSettings
@@ -57,53 +55,6 @@ def test_node_that_was_silent_blames_itself_for_the_time_out() -> None:
         'axis A: RS422 timeout, as this node sent nothing for 150 ms: give the computer less '
         'work; call ~/clear_errors if it stays',
     ]
-
-
-@pytest.mark.parametrize(
-    ('mode', 'estop', 'asked', 'echo', 'words'),
-    [
-        (Mode.OPERATIONAL, 0, '', False, []),
-        (Mode.OPERATIONAL, 1, '', False, ['release the stop at']),
-        (Mode.OPERATIONAL, EStopBits.USER, 'clear it', True, ['clear it, then acknowledge']),
-        (Mode.OPERATIONAL, EStopBits.USER, '', True, ['not asked any more']),
-        (Mode.OPERATIONAL, EStopBits.USER, '', False, ['not asked by this node']),
-        (Mode.SEARCHING, 0, '', False, ['switch the remote on']),
-        (Mode.LOCAL, 0, '', False, ['switch the remote on']),
-        (99, 0, '', False, ['restart the VSC if this lasts']),
-        (
-            *(Mode.LOCAL, 1 | EStopBits.USER, '', True),
-            ['release the stop at', 'not asked any more', 'switch the remote on'],
-        ),
-    ],
-)
-def test_vsc_says_each_reason_for_its_stop(
-    mode: int, estop: int, asked: str, echo: bool, words: list[str]
-) -> None:
-    reasons = vsc.stop_reasons(Heartbeat(mode, 0, int(estop)), asked=asked, echo=echo)
-    assert len(reasons) == len(words)
-    assert all(word in reason for word, reason in zip(words, reasons, strict=True))
-
-
-@pytest.mark.parametrize(
-    ('battery', 'charging', 'is_low'),
-    [(20, False, True), (21, False, False), (20, True, False), (None, False, False)],
-)
-def test_battery_of_forts_remote(battery: int | None, charging: bool, is_low: bool) -> None:
-    problems = vsc.remote_problems(RemoteStatus(battery, charging, 2, 2))
-    assert [text for _, text in problems] == ['charge the remote: its battery is at 20 %'] * is_low
-
-
-def test_heartbeat_in_figures() -> None:
-    assert vsc.heartbeat_values(Heartbeat(Mode.PAUSE, AutonomyMode.SHARED_CONTROL, 0x12)) == {
-        'mode': 'Pause',
-        'e-stop indication': '0x00000012',
-        'autonomy mode': 'Shared control',
-    }
-    assert vsc.heartbeat_values(None) == {
-        'mode': 'None',
-        'e-stop indication': 'unknown',
-        'autonomy mode': 'unknown',
-    }
 
 
 def test_servo_at_the_last_output_is_there() -> None:

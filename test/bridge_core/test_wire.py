@@ -12,6 +12,7 @@ import pytest
 from bridge_core.report import Report
 from bridge_core.session import Level, Verdict
 from bridge_core.transports.link import ThreadLink
+from bridge_core.transports.request import Call
 from bridge_core.transports.tap import Chunk, Tap, tap_pair
 from bridge_core.transports.wire import Bridge
 from stage.link_rig import fails, fault, PACE
@@ -450,7 +451,7 @@ def test_request_may_wait_for_a_fifth_of_a_second_and_is_no_stop_unless_it_says_
 def test_input_counts_for_less_time_than_other_requests() -> None:
     bridge: Bridge[Any] = Bridge('none', fault, fault)  # type: ignore[arg-type]
     link = ThreadLink('link', bridge, None)
-    link.request('drive', received_at=7.0)
+    link.request(Call('drive'), received_at=7.0)
     (request,) = link._mailbox.take()
     link.stop()
     assert (request.at, request.limit) == (7.0, 0.03)

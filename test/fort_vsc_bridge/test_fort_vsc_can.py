@@ -18,24 +18,18 @@ import pytest
 from bridge_core.framing import FrameError
 from bridge_core.j1939 import CanFrame, J1939Id
 from bridge_core.session import Level, StopChanged, Verdict
-from fort_vsc_bridge.protocol import (
-    AutonomyMode,
-    Axis,
+from fort_vsc_bridge.protocol.can import (
     BasicJoystick,
-    Button,
+    CanDecoder,
     CanIds,
-    CanWire,
     decode_data,
     encode_frame,
     ExtendedJoystick,
-    Heartbeat,
-    Joystick,
-    Mode,
-    RemoteStatus,
     StringSegment,
-    UserFeedback,
 )
-from fort_vsc_bridge.protocol.can import CanDecoder
+from fort_vsc_bridge.protocol.messages import Heartbeat, Joystick, RemoteStatus, UserFeedback
+from fort_vsc_bridge.protocol.values import AutonomyMode, Axis, Button, Mode
+from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import (
     DeviceSettings,
     ModeChanged,

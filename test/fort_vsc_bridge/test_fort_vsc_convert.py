@@ -14,7 +14,8 @@ from sensor_msgs.msg import BatteryState, JoyFeedback, NavSatStatus
 from std_msgs.msg import String
 
 from fort_vsc_bridge import convert
-from fort_vsc_bridge.protocol import Mode, RemoteStatus
+from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.values import Mode
 
 STAMP = Time(sec=12, nanosec=34)
 

@@ -13,23 +13,16 @@ from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError
-from fort_vsc_bridge.protocol import (
-    Axis,
+from fort_vsc_bridge.protocol.can import (
     BasicJoystick,
-    Button,
     CanIds,
     decode_data,
     encode_frame,
     ExtendedJoystick,
-    Heartbeat,
-    InputState,
-    Key,
-    Mode,
-    mode_name,
-    RemoteStatus,
     StringSegment,
-    UserFeedback,
 )
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus, UserFeedback
+from fort_vsc_bridge.protocol.values import Axis, Button, InputState, Key, Mode, mode_name
 
 DBC = Path(__file__).resolve().parents[2] / 'dbc' / 'fort_vsc.dbc'
 DATABASE: Any = cantools.database.load_file(DBC, strict=True)

@@ -8,7 +8,9 @@ import math
 
 import pytest
 
-from fort_vsc_bridge.protocol import Key, MessageControl, MessageType
+from fort_vsc_bridge.protocol.frames import Message, MessageType
+from fort_vsc_bridge.protocol.messages import MessageControl, UserFeedback, UserFeedbackGet
+from fort_vsc_bridge.protocol.values import Key
 from fort_vsc_bridge.session.device import (
     AS_WANTED,
     Configurator,
@@ -35,14 +37,14 @@ class Queue(SendQueue):
     def __init__(self) -> None:
         self.said: list[object] = []
 
-    def get_value(self, key: int) -> None:
-        self.said.append(key)
-
-    def set_value(self, key: int, value: int) -> None:
-        self.said.append((key, value))
-
-    def control(self, message: MessageControl) -> None:
-        self.said.append(message)
+    def put(self, *messages: Message) -> None:
+        for message in messages:
+            if isinstance(message, UserFeedbackGet):
+                self.said.append(message.key)
+            elif isinstance(message, UserFeedback):
+                self.said.append((message.key, message.value))
+            else:
+                self.said.append(message)
 
 
 class Bench:
@@ -76,7 +78,7 @@ class Bench:
     def watched(self, kind: MessageType, times: Iterable[float], end: float) -> list[object]:
         """Hear messages of a type at these times; return what is sent at the end."""
         for now in times:
-            self.configurator.heard(kind, now)
+            self.configurator.watches[kind].heard(now)
         assert self.poll(math.nextafter(end, 0.0)) == []
         return self.poll(end)
 
@@ -320,7 +322,7 @@ def test_what_comes_until_a_write_has_its_effect_does_not_count() -> None:
 def test_watch_begins_anew_with_the_link() -> None:
     bench = watching(1000)
     for now in (0.5, 0.75, 1.0):
-        bench.configurator.heard(JOYSTICK, now)
+        bench.configurator.watches[JOYSTICK].heard(now)
     bench.link(1.0, up=False)
     assert bench.deadline == math.inf
     bench.link(10.0)

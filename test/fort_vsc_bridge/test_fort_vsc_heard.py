@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import AutonomyMode, Mode, RemoteStatus
+from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.values import AutonomyMode, Mode
 from fort_vsc_bridge.session import (
     DeviceSettings,
     GpsSentence,

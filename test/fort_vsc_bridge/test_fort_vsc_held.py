@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from bridge_core.j1939 import CanFrame
-from fort_vsc_bridge.protocol import CanWire, HidWire, Mode, SerialWire
+from fort_vsc_bridge.protocol.values import Mode
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
 from fort_vsc_bridge.session import Session, Settings
 from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from fort_vsc_bridge.simulator.can import IDENTIFIERS

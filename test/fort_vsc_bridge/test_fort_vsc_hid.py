@@ -12,7 +12,9 @@ import pytest
 
 from bridge_core.framing import FrameError
 from bridge_core.session import StopChanged, Verdict
-from fort_vsc_bridge.protocol import AXIS_NAMES, BUTTON_NAMES, HidWire, InputReport, Mode
+from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Mode
+from fort_vsc_bridge.protocol.wires import HidWire
 from fort_vsc_bridge.session import DeviceSettings, ModeChanged, Session, Settings, Sticks
 from fort_vsc_bridge.simulator import HidSimulator
 from stage.fort_vsc_rig import sticks
@@ -307,7 +309,7 @@ def test_10_000_damaged_reports_release_and_move_nothing() -> None:
         ),
         (lambda s: s.rumble(True, False, 100.0), 'transport hid cannot carry values, setting'),
         (lambda s: s.set_feedback(3, 1, 100.0), 'transport hid cannot carry values'),
-        (lambda s: s.set_feedback(81, 1, 100.0), 'transport hid cannot carry values, settings'),
+        (lambda s: s.set_feedback(99, 1, 100.0), 'transport hid cannot carry values, settings'),
         (lambda s: s.set_name(3, 'x', 100.0), 'transport hid cannot carry names or text'),
         (lambda s: s.set_display_text('x', 100.0), 'transport hid cannot carry names or text'),
         (lambda s: s.get_feedback(3, 100.0), 'transport hid cannot carry a question'),

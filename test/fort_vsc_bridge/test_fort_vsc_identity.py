@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fort_vsc_bridge.protocol import CanWire, HidWire
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire
 from fort_vsc_bridge.session import Settings
 from fort_vsc_bridge.session.identity import NOT_ANSWERED
 from fort_vsc_bridge.simulator import build_frame, Simulator

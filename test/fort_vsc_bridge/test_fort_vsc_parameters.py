@@ -16,7 +16,8 @@ from bridge_core.parameters import resolve
 from bridge_core.runner import run
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import CanIds, CanWire, HidWire, SerialWire
+from fort_vsc_bridge.protocol.can import CanIds
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
 from fort_vsc_bridge.session import Settings, wire_of
 from stage.rig import as_yaml
 

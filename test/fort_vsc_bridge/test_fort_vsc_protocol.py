@@ -11,29 +11,29 @@ from hypothesis import example, given, settings, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError, StreamParser, Unknown
-from fort_vsc_bridge import protocol
-from fort_vsc_bridge.protocol import (
-    Axis,
-    Button,
+from fort_vsc_bridge.protocol import decode, parser as make_parser
+from fort_vsc_bridge.protocol.frames import BAUD, Message, PACKETS, Rejected
+from fort_vsc_bridge.protocol.messages import (
     Gps,
     Heartbeat,
     HostHeartbeat,
-    InputState,
     Joystick,
-    Message,
     MessageControl,
-    Mode,
     RemoteStatus,
     UserFeedback,
     UserFeedbackGet,
     UserFeedbackName,
 )
-from fort_vsc_bridge.protocol.frames import PACKETS, Rejected
 from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.protocol.values import (
     AutonomyMode,
+    Axis,
+    Button,
+    BUTTON_NAMES,
     estop_sources,
+    InputState,
     Key,
+    Mode,
     mode_name,
     PERSISTENT_KEYS,
     VALUE_RANGES,
@@ -70,11 +70,11 @@ def message_of(vector: dict[str, Any]) -> Message:
     """Build the message that a vector describes in words."""
     kind = vector['is']
     if kind == 'heartbeat':
-        mode = protocol.Mode[vector['mode'].upper()]
-        return Heartbeat(mode, protocol.AutonomyMode.USER_CONTROL, vector['estop'])
+        mode = Mode[vector['mode'].upper()]
+        return Heartbeat(mode, AutonomyMode.USER_CONTROL, vector['estop'])
     if kind == 'joystick':
         on = {name.replace(' pad ', '_') for name in vector['buttons_on']}
-        buttons = tuple(Button(name in on) for name in protocol.BUTTON_NAMES)
+        buttons = tuple(Button(name in on) for name in BUTTON_NAMES)
         return Joystick(tuple(map(Axis, vector['axes'])), buttons)
     if kind == 'remote status':
         strength = vector['strength']
@@ -90,7 +90,7 @@ def message_of(vector: dict[str, Any]) -> Message:
 @pytest.mark.parametrize('vector', VECTORS, ids=lambda vector: str(vector['is']))
 def test_golden_frames_both_ways(vector: dict[str, Any]) -> None:
     frame = bytes.fromhex(vector['hex'])
-    assert protocol.decode(frame) == message_of(vector)
+    assert decode(frame) == message_of(vector)
     assert message_of(vector).to_bytes() == frame
 
 
@@ -114,11 +114,11 @@ def test_the_manuals_checksum_loop_agrees(frame: bytes) -> None:
 )
 def test_layouts_of_7_3_both_ways(message: Message, frame: bytes) -> None:
     assert message.to_bytes() == frame
-    assert protocol.decode(frame) == message
+    assert decode(frame) == message
 
 
 def test_sound_frame_of_an_unknown_type_is_unknown() -> None:
-    assert protocol.decode(build_frame(0x40, b'abc')) == Unknown(0x40)
+    assert decode(build_frame(0x40, b'abc')) == Unknown(0x40)
 
 
 def test_joystick_without_more_is_at_rest_and_a_remotes() -> None:
@@ -128,7 +128,7 @@ def test_joystick_without_more_is_at_rest_and_a_remotes() -> None:
 
 
 def test_any_host_estop_value_above_zero_is_a_stop() -> None:
-    assert protocol.decode(build_frame(0x21, b'\x80')) == HostHeartbeat(True)
+    assert decode(build_frame(0x21, b'\x80')) == HostHeartbeat(True)
 
 
 # -- sticks and buttons ---------------------------------------------------------------------------
@@ -172,19 +172,19 @@ def test_only_one_set_direction_gives_a_value(word: int) -> None:
 
 
 def test_buttons_keep_error_and_unavailable_apart_from_released() -> None:
-    joystick = protocol.decode(build_frame(0x10, b'\x01\x00' * 6 + b'\b\x30'))
+    joystick = decode(build_frame(0x10, b'\x01\x00' * 6 + b'\b\x30'))
     assert isinstance(joystick, Joystick)
     expected = {
         'left_right': Button(None, InputState.ERROR),
         'right_up': Button(None, InputState.UNAVAILABLE),
     }
-    for name, button in zip(protocol.BUTTON_NAMES, joystick.buttons, strict=True):
+    for name, button in zip(BUTTON_NAMES, joystick.buttons, strict=True):
         assert button == expected.get(name, Button(False))
 
 
 def test_unknown_mode_is_never_operational() -> None:
     for value in set(range(256)) - set(Mode):
-        heartbeat = protocol.decode(build_frame(0x20, bytes((value, 0, 0, 0, 0, 0))))
+        heartbeat = decode(build_frame(0x20, bytes((value, 0, 0, 0, 0, 0))))
         assert isinstance(heartbeat, Heartbeat)
         assert heartbeat.mode != Mode.OPERATIONAL
         assert not isinstance(heartbeat.mode, Mode)
@@ -257,7 +257,7 @@ def test_own_bad_value_is_refused_when_made(make: Any) -> None:
 )
 def test_unsound_frame_is_the_peers_fault(frame: bytes) -> None:
     with pytest.raises(FrameError):
-        protocol.decode(frame)
+        decode(frame)
 
 
 def test_from_bytes_refuses_another_type() -> None:
@@ -268,7 +268,7 @@ def test_from_bytes_refuses_another_type() -> None:
 @pytest.mark.parametrize('key', [0, 99])
 def test_first_and_last_key_may_be_sent(key: int) -> None:
     for message in (UserFeedback(key, 0), UserFeedbackName(key, ''), UserFeedbackGet(key)):
-        assert protocol.decode(message.to_bytes()) == message
+        assert decode(message.to_bytes()) == message
 
 
 keys = st.integers(0, 99)
@@ -304,13 +304,13 @@ messages: st.SearchStrategy[Message] = st.one_of(
 
 @given(messages)
 def test_round_trip(message: Message) -> None:
-    assert protocol.decode(message.to_bytes()) == message
+    assert decode(message.to_bytes()) == message
 
 
 @given(st.binary(max_size=60) | st.binary(max_size=40).map(lambda data: b'\x10\x01' + data))
 def test_any_bytes_decode_or_raise_frame_error(data: bytes) -> None:
     try:
-        protocol.decode(data)
+        decode(data)
     except FrameError:
         return
     assert build_frame(data[2], data[4:-2]) == data
@@ -328,7 +328,7 @@ def drain(parser: StreamParser[bytes], now: float) -> list[bytes]:
 
 
 def parse(data: bytes) -> list[bytes]:
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     return parser.feed(data, 0.0) + drain(parser, 0.0)
 
 
@@ -337,7 +337,7 @@ def test_whole() -> None:
 
 
 def test_byte_by_byte() -> None:
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     frames = [f for byte in b''.join(STREAM) for f in parser.feed(bytes((byte,)), 0.0)]
     assert frames == known(STREAM)
     assert parser.counters.frames == len(STREAM)
@@ -348,7 +348,7 @@ def test_byte_by_byte() -> None:
 @given(st.lists(st.integers(0, len(b''.join(STREAM))), max_size=20))
 def test_random_splits(cuts: list[int]) -> None:
     data = b''.join(STREAM)
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     edges = [0, *sorted(cuts), len(data)]
     frames = [f for a, b in itertools.pairwise(edges) for f in parser.feed(data[a:b], 0.0)]
     assert frames == known(STREAM)
@@ -386,7 +386,7 @@ def test_corrupt_check_keeps_next_frame() -> None:
 
 
 def test_impossible_length_is_not_waited_for() -> None:
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     assert parser.feed(b'\x10\x01\x20\x07', 0.0) == []
     assert parser.counters.malformed == 1
     assert parser.feed(b'\x10\x01\x40\xf9', 0.0) == []
@@ -395,17 +395,17 @@ def test_impossible_length_is_not_waited_for() -> None:
 
 
 def test_frame_that_never_ends_expires() -> None:
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     assert parser.feed(b'\x10\x01\x40\xf8' + GOLDEN[0], 0.0) == []
     assert parser.poll(parser.deadline) == [GOLDEN[0]]
     assert parser.counters.expired == 1
 
 
 def test_flood_is_bounded_and_harmless() -> None:
-    parser = frames_of(protocol.parser())
+    parser = frames_of(make_parser())
     for data in (b'\x10\x01' * 50_000, b'\x10\x01\x40\xf8' * 25_000, bytes(100_000)):
         parser.feed(data, 0.0)
-        assert len(parser._buffer) <= protocol.PACKETS.max_size
+        assert len(parser._buffer) <= PACKETS.max_size
     assert drain(parser, 0.0) == []
     assert parser.feed(GOLDEN[0], 10.0) == [GOLDEN[0]]
 
@@ -501,7 +501,7 @@ def test_its_first_half_is_forgotten_with_the_port(cut: int) -> None:
 
 
 def test_modes_and_keys_have_the_manuals_numbers() -> None:
-    assert protocol.BAUD == 115200
+    assert BAUD == 115200
     # Tables 12, 19, 24, 27 and 29; modes 0 and 1 as seen on devices, 2, 3, 5, 7, 8 in a decoder.
     assert [*map(int, Mode)] == [*range(12)]
     assert [*map(int, AutonomyMode)] == [0, 1, 2]

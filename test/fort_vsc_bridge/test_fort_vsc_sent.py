@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol import CanWire
+from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import DeviceSettings, Session, Settings
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import Bench, CENTRED, CLEAR, converse, gaps, heartbeat, opened
@@ -53,7 +53,7 @@ def test_texts_and_values_are_shown_again_to_a_new_remote_a_rumble_is_not() -> N
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
 
 
-def test_what_the_remote_shows_goes_again_where_a_busy_line_refuses_it_a_rumble_does_not() -> None:
+def test_busy_line_takes_the_newest_of_each_key_later_but_no_rumble() -> None:
     bench = opened()
     bench.busy = True
     bench.session.set_name(1, 'speed', bench.now)
@@ -67,7 +67,7 @@ def test_what_the_remote_shows_goes_again_where_a_busy_line_refuses_it_a_rumble_
     bench.wait(1.0)
     assert [f for _, f in bench.frames(0x30)] == [build_frame(0x30, b'\1\x08\0\0\0')]
     assert [f[5:10] for _, f in bench.frames(0x31)] == [b'speed']
-    assert not bench.frames(0x32)
+    assert [f[4] for _, f in bench.frames(0x32)] == [2]
 
 
 @pytest.mark.parametrize('required', [False, True])

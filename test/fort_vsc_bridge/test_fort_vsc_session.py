@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level, StopChanged, Verdict
-from fort_vsc_bridge.protocol import Mode
+from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.session import ModeChanged, Sticks
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import (

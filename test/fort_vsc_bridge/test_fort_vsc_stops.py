@@ -1,113 +1,141 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whose a stop of the VSC is: its own, or the echo of the one that our heartbeats ask for."""
+"""Whose a stop of the VSC is (its own, or the echo of ours), and why, in words."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from fort_vsc_bridge.protocol import AutonomyMode, EStopBits, Heartbeat, Mode
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
+from fort_vsc_bridge.protocol.values import AutonomyMode, EStopBits, Mode
+from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.stops import ECHO_DELAY, StopJudge
 
 SOON = ECHO_DELAY / 2
 TRANSITION = 2.0
+CLEAR = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
+USER = Heartbeat(Mode.LOCAL, AutonomyMode.USER_CONTROL, EStopBits.USER)
+
+# What happens, and when: we 'ask' for a stop, ask for another 'reason', 'release' it, or hear a
+# heartbeat that is 'clear', or says USER and is 'own' or an 'echo'.
+WAYS: dict[str, list[tuple[str, float]]] = {
+    'an echo that was heard ends no later one before it is heard': [
+        *(('ask', 1.0), ('echo', 1.1), ('release', 2.0), ('clear', 2.1)),
+        # The VSC has not taken the second one yet when it says clear.
+        *(('ask', 3.0), ('release', 3.1), ('clear', 3.2), ('echo', 3.1 + SOON)),
+    ],
+    'a bit that stood before we asked is ours until it is seen clear': [
+        *(('own', 1.0), ('ask', 2.0), ('echo', 2.0 + SOON), ('release', 3.0)),
+        *(('echo', 3.0 + 9 * ECHO_DELAY), ('clear', 20.0), ('own', 20.1)),
+    ],
+    'a bit that was seen clear is ours as soon as we ask': [
+        *(('own', 1.0), ('clear', 2.0), ('ask', 3.0), ('echo', 3.1)),
+    ],
+    'an echo stays ours until it is seen clear': [
+        *(('ask', 1.0), ('echo', 1.1), ('release', 2.0), ('echo', 2.0 + 9 * ECHO_DELAY)),
+        *(('clear', 20.0), ('own', 20.1)),
+    ],
+    'a bit after an echo that ended is its own': [
+        *(('ask', 1.0), ('echo', 1.1), ('ask', 1.2), ('release', 2.0)),
+        *(('clear', 2.0 + SOON / 2), ('own', 2.0 + SOON)),
+    ],
+    'the same where we asked for another reason meanwhile': [
+        *(('ask', 1.0), ('echo', 1.1), ('reason', 1.2), ('release', 2.0)),
+        *(('clear', 2.0 + SOON / 2), ('own', 2.0 + SOON)),
+    ],
+    'an echo that was not heard yet may come for a while, also after an earlier one': [
+        *(('ask', 1.0), ('release', 1.1), ('clear', 1.1 + SOON / 2), ('echo', 1.1 + SOON)),
+        *(('clear', 6.0), ('own', 6.1), ('clear', 6.2)),
+        *(('ask', 10.0), ('release', 10.1), ('clear', 10.1 + SOON / 2), ('echo', 10.1 + SOON)),
+        *(('clear', 15.0), ('own', 15.1)),
+    ],
+    'an echo that never came is waited for no longer': [
+        *(('ask', 1.0), ('release', 1.1), ('clear', 1.1 + ECHO_DELAY), ('own', 1.2 + ECHO_DELAY)),
+    ],
+}
 
 
-@pytest.fixture
-def judge() -> StopJudge:
-    return StopJudge(TRANSITION)
+@pytest.mark.parametrize('way', WAYS)
+def test_whose_a_stop_of_the_user_is(way: str) -> None:
+    judge = StopJudge(TRANSITION)
+    remedies = {'ask': 'let go', 'reason': 'press the button', 'release': ''}
+    for event, now in WAYS[way]:
+        if event in remedies:
+            judge.asked(remedies[event], now)
+            continue
+        heartbeat = CLEAR if event == 'clear' else USER
+        judge.heard(heartbeat, now)
+        verdict = judge.judge(heartbeat, now)
+        found = ('own' if verdict.own_estop else 'echo') if verdict.estop else 'clear'
+        assert found == event, f'at {now}'
 
 
-def clear(judge: StopJudge, now: float) -> None:
-    """Hear that the USER bit is clear."""
-    heartbeat = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
-    judge.heard(heartbeat, now)
-    assert not judge.judge(heartbeat, now).estop
-
-
-def is_own(judge: StopJudge, now: float) -> bool:
-    """Hear that it is set; tell whether that counts as the VSC's own stop."""
-    heartbeat = Heartbeat(Mode.LOCAL, AutonomyMode.USER_CONTROL, EStopBits.USER)
-    judge.heard(heartbeat, now)
-    verdict = judge.judge(heartbeat, now)
-    assert verdict.estop
-    return verdict.own_estop
-
-
-def test_echo_that_was_heard_once_ends_no_later_one_before_it_is_heard(judge: StopJudge) -> None:
-    judge.asked('let go', 1.0)
-    assert not is_own(judge, 1.1)
-    judge.asked('', 2.0)
-    clear(judge, 2.1)
-    judge.asked('let go', 3.0)
-    judge.asked('', 3.1)
-    clear(judge, 3.2)  # the VSC has not taken the second one yet
-    assert not is_own(judge, 3.1 + SOON)
-
-
-def test_bit_that_stood_before_we_asked_is_ours_until_it_is_seen_clear(judge: StopJudge) -> None:
-    assert is_own(judge, 1.0)
-    judge.asked('let go', 2.0)
-    assert not is_own(judge, 2.0 + SOON)
-    judge.asked('', 3.0)
-    assert not is_own(judge, 3.0 + 9 * ECHO_DELAY)
-    clear(judge, 20.0)
-    assert is_own(judge, 20.1)
-
-
-def test_bit_that_was_seen_clear_is_ours_as_soon_as_we_ask(judge: StopJudge) -> None:
-    assert is_own(judge, 1.0)
-    clear(judge, 2.0)
-    judge.asked('let go', 3.0)
-    assert not is_own(judge, 3.1)
-
-
-def test_echo_stays_ours_until_it_is_seen_clear(judge: StopJudge) -> None:
-    judge.asked('let go', 1.0)
-    assert not is_own(judge, 1.1)
-    judge.asked('', 2.0)
-    assert not is_own(judge, 2.0 + 9 * ECHO_DELAY)
-    clear(judge, 20.0)
-    assert is_own(judge, 20.1)
-
-
-@pytest.mark.parametrize('texts', [('let go',), ('let go', 'press the button')])
-def test_bit_after_an_echo_that_ended_is_its_own(judge: StopJudge, texts: tuple[str, ...]) -> None:
-    judge.asked(texts[0], 1.0)
-    assert not is_own(judge, 1.1)
-    judge.asked(texts[-1], 1.2)
-    judge.asked('', 2.0)
-    clear(judge, 2.0 + SOON / 2)
-    assert is_own(judge, 2.0 + SOON)
-
-
-def test_echo_that_was_not_heard_yet_may_come_for_a_while(judge: StopJudge) -> None:
-    for start in (1.0, 10.0):  # the second time, an earlier echo was heard
-        judge.asked('let go', start)
-        judge.asked('', start + 0.1)
-        clear(judge, start + 0.1 + SOON / 2)
-        assert not is_own(judge, start + 0.1 + SOON)
-        clear(judge, start + 5.0)
-        assert is_own(judge, start + 5.1)
-        clear(judge, start + 5.2)
-
-
-def test_echo_that_never_came_is_waited_for_no_longer(judge: StopJudge) -> None:
-    judge.asked('let go', 1.0)
-    judge.asked('', 1.1)
-    clear(judge, 1.1 + ECHO_DELAY)
-    assert is_own(judge, 1.2 + ECHO_DELAY)
-
-
-def test_vsc_has_a_second_to_stop_from_when_it_was_asked(judge: StopJudge) -> None:
+def test_vsc_has_a_second_to_stop_from_when_it_was_asked() -> None:
     """The VSC's page promises that second."""
+    judge = StopJudge(TRANSITION)
     judge.asked('let go', 1.0)
-    clear(judge, 2.0 - 1 / 64)
+    judge.heard(CLEAR, 2.0 - 1 / 64)
     assert not judge.awaits_stop
-    clear(judge, 2.0)
+    judge.heard(CLEAR, 2.0)
     assert judge.awaits_stop
     judge.asked('let go', 2.0)
     assert judge.awaits_stop, 'asked on'
     judge.asked('', 2.0)
     assert not judge.awaits_stop
+
+
+@pytest.mark.parametrize(
+    ('heartbeat', 'asked', 'words'),
+    [
+        ((Mode.OPERATIONAL, 0), (), []),
+        ((Mode.OPERATIONAL, 1), (), ['release the stop at SRC']),
+        ((Mode.OPERATIONAL, 0x40), ('clear it',), ['clear it, then acknowledge']),
+        ((Mode.OPERATIONAL, 0x40), ('clear it', ''), ['not asked any more']),
+        ((Mode.OPERATIONAL, 0x40), (), ['not asked by this node']),
+        ((Mode.SEARCHING, 0), (), ['switch the remote on']),
+        ((Mode.LOCAL, 0), (), ['switch the remote on']),
+        ((99, 0), (), ['restart the VSC if this lasts']),
+        (
+            *((Mode.LOCAL, 0x41), ('clear it', '')),
+            ['release the stop at', 'not asked any more', 'switch the remote on'],
+        ),
+    ],
+)
+def test_each_reason_for_a_stop_is_said(
+    heartbeat: tuple[int, int], asked: tuple[str, ...], words: list[str]
+) -> None:
+    judge = StopJudge(TRANSITION)
+    for remedy in asked:
+        judge.asked(remedy, 1.0)
+    mode, estop = heartbeat
+    reasons = judge.judge(Heartbeat(mode, AutonomyMode.USER_CONTROL, estop), 1.0).reasons
+    assert len(reasons) == len(words)
+    assert all(word in reason for word, reason in zip(words, reasons, strict=True))
+
+
+@pytest.mark.parametrize(
+    ('battery', 'charging', 'is_low'),
+    [(20, False, True), (21, False, False), (20, True, False), (None, False, False)],
+)
+def test_low_battery_of_the_remote_is_a_problem(
+    battery: int | None, charging: bool, is_low: bool
+) -> None:
+    problems = report.remote_problems(RemoteStatus(battery, charging, 2, 2))
+    assert [text for _, text in problems] == ['charge the remote: its battery is at 20 %'] * is_low
+
+
+@pytest.mark.parametrize(
+    ('heartbeat', 'values'),
+    [
+        (
+            Heartbeat(Mode.PAUSE, AutonomyMode.SHARED_CONTROL, 0x12),
+            ('Pause', '0x00000012', 'Shared control'),
+        ),
+        (None, ('None', 'unknown', 'unknown')),
+    ],
+)
+def test_heartbeat_in_figures(heartbeat: Any, values: tuple[str, ...]) -> None:
+    assert tuple(report.heartbeat_values(heartbeat).values()) == values

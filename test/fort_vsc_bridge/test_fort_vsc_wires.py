@@ -16,20 +16,10 @@ import pytest
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol import (
-    AutonomyMode,
-    AXIS_NAMES,
-    BUTTON_NAMES,
-    CanIds,
-    CanWire,
-    encode_frame,
-    Heartbeat,
-    HidWire,
-    HostHeartbeat,
-    Mode,
-    SerialWire,
-    UserFeedback,
-)
+from fort_vsc_bridge.protocol.can import CanIds, encode_frame
+from fort_vsc_bridge.protocol.messages import Heartbeat, HostHeartbeat, UserFeedback
+from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
+from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
 from fort_vsc_bridge.session import Session, Settings, Sticks
 from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from stage.session_rig import SessionBench

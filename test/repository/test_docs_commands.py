@@ -55,7 +55,6 @@ PRINTED = (
     ('docs/doctor.md', 'fine: '),
     ('docs/record.md', '2026-11-22 20:04'),
     ('docs/record.md', '/safety_mux, 2026-11-22 20:04'),
-    ('docs/performance.md', '@dialout'),
 )
 
 

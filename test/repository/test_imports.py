@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports.process import environment
+from bridge_core.transports.child import environment
 from stage.rig import NOT_INSTALLED, ROOT
 
 NOT_A_BRIDGE = ('bridge_core', 'rugged_teleop')
@@ -53,9 +53,11 @@ BRIDGE = {
         *('bridge_core.packets', 'bridge_core.j1939'),
     ),
     'session': LOGIC,
-    'arbiter': LOGIC,
+    'arbiter': (*LOGIC, '{bridge}.explanation'),
     'mapping': LOGIC,
     'limits': LOGIC,
+    # What the arbiter's state is in words.
+    'explanation': (*LOGIC, '{bridge}.arbiter'),
     'report': (*LOGIC, 'bridge_core.report'),
     'convert': (
         *('{bridge}.protocol', 'OTHER'),
@@ -94,6 +96,7 @@ BRIDGE = {
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
+    'supervisor': ('bridge_core.session',),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
@@ -102,6 +105,7 @@ SHARED = {
     'report': ('bridge_core.framing', 'bridge_core.session'),
     'transports': (
         *(*CORE, 'bridge_core.session', 'bridge_core.report', 'bridge_core.realtime'),
+        'bridge_core.supervisor',
         *('bridge_core.clock', 'bridge_core.waiting', 'serial', 'can', 'STDLIB'),
     ),
     'waiting': ('STDLIB',),
@@ -216,7 +220,7 @@ def matches(entry: str, bridge: str, name: str) -> bool:
 
 
 def is_pure(name: str) -> bool:
-    return name.split('.')[0] in STDLIB - IMPURE
+    return name.split('.')[0] in STDLIB - IMPURE or within(name, 'typing_extensions')
 
 
 def is_part(name: str, which: str) -> bool:

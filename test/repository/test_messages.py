@@ -17,10 +17,9 @@ import re
 
 import pytest
 
-from rugged_teleop import reference
-from rugged_teleop.messages import messages
+from rugged_teleop.messages import catalogue, FOLDER, messages, pages, tables
+from stage.rig import ROOT
 
-ROOT = reference.ROOT
 # Where the words of ~/status and /diagnostics come from.
 SPEAKERS = (
     '*_bridge/node.py',
@@ -112,15 +111,27 @@ def is_said(clause: str) -> bool:
     return any(all(group in said() for group in match.groups()) for match in found if match)
 
 
-def page(path: str) -> str:
-    return (ROOT / path).read_text(encoding='utf-8')
+def text_of(page: str) -> str:
+    return (FOLDER / page).read_text(encoding='utf-8')
 
 
-@pytest.mark.parametrize('path', reference.message_pages())
-def test_every_catalogued_message_is_said_by_the_code(path: str) -> None:
+def test_every_page_with_messages_is_listed() -> None:
+    found = (path for path in FOLDER.rglob('*.md') if '_build' not in path.parts)
+    names = {path.relative_to(FOLDER).as_posix() for path in found}
+    assert {name for name in names if any(tables(text_of(name)))} == set(pages())
+
+
+def test_links_of_the_tables_lead_on_from_the_page_that_has_them_all() -> None:
+    links = re.findall(r'\]\((?!\w+:)([^)#]+)', catalogue())
+    assert len(links) > len(pages())
+    assert [link for link in links if not (FOLDER / link).exists()] == []
+
+
+@pytest.mark.parametrize('page', pages())
+def test_every_catalogued_message_is_said_by_the_code(page: str) -> None:
     rotten = [
         (message, clause)
-        for message in messages(page(path))
+        for message in messages(text_of(page))
         for part in message.split('…')
         for clause in clauses(part, least=2)
         if not is_said(clause)
@@ -130,12 +141,12 @@ def test_every_catalogued_message_is_said_by_the_code(path: str) -> None:
 
 def test_every_message_of_the_code_is_on_a_page() -> None:
     paths = {path for glob in SPEAKERS for path in ROOT.glob(glob) if path.name not in SILENT}
-    pages = re.sub(r'\s+', ' ', ' '.join(map(page, reference.message_pages()))).replace('`', '')
+    texts = re.sub(r'\s+', ' ', ' '.join(map(text_of, pages()))).replace('`', '')
     unknown = [
         f'{path.relative_to(ROOT)}: {text}'
         for path in sorted(paths)
         for text in spoken(parsed(path))
         if (found := [part for each in text.split('…') for part in clauses(each, LEAST_WORDS)])
-        and not any(clause in pages for clause in found)
+        and not any(clause in texts for clause in found)
     ]
     assert not unknown, '\n'.join(unknown)

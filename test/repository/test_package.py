@@ -31,8 +31,8 @@ ROSDEP_KEYS = {
 }
 # Where it is not the name on PyPI.
 DISTRIBUTIONS = {'mcap_ros2': 'mcap-ros2-support'}
-# What rclpy, the message packages and mcap bring with them.
-INDIRECT = {'builtin_interfaces', 'zstandard'}
+# What rclpy, the message packages and mcap bring with them, and what type checkers do.
+INDIRECT = {'builtin_interfaces', 'zstandard', 'typing_extensions'}
 
 
 def text(name: str) -> str:
@@ -58,7 +58,8 @@ def setup_arguments() -> dict[str, ast.expr]:
 
 def entry_points() -> dict[str, str]:
     points = ast.literal_eval(setup_arguments()['entry_points'])
-    return dict(point.split(' = ') for point in points['console_scripts'])
+    groups = ('console_scripts', 'rugged_teleop.commands')  # ros2 run finds both
+    return dict(point.split(' = ') for group in groups for point in points[group])
 
 
 def production_imports() -> Iterator[str]:

@@ -77,14 +77,14 @@ def test_names_with_defaults_of_their_own_are_shown_before_the_others() -> None:
     general = Parameter('joint.<name>.max', 1.0, 'Limit.', unit='m', above=0.0)
     named = [general.named('joint.a.max', 5.0), general.named('joint.b.max')]
     assert reference.markdown_table([general], named).splitlines()[-1] == (
-        '| `joint.<name>.max` | a: `5.0`; others: `1.0` | a number above 0 m | Limit. |'
+        '| `joint.<name>.max` | a: `5.0`; others: `1.0` | above 0 m | Limit. |'
     )
 
 
 def test_number_that_is_written_in_hexadecimal_is_allowed_in_hexadecimal() -> None:
     address = Parameter('address', 0x33, 'Ours.', minimum=0x10, maximum=0xFE, hex_digits=4)
     assert reference.markdown_table([address], []).splitlines()[-1] == (
-        '| `address` | `0x0033` | a whole number from 0x10 to 0xFE | Ours. |'
+        '| `address` | `0x0033` | 0x10 to 0xFE | Ours. |'
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import importlib
+from importlib.metadata import distribution
 import os
 from pathlib import Path
 import subprocess
@@ -61,7 +62,16 @@ def test_help_of_a_command_has_examples_and_needs_no_ros(name: str) -> None:
 
 
 def test_every_command_is_an_executable_of_ros2_run() -> None:
-    assert {path.name for path in TOOLS} == {*COMMANDS} - {'simulate'}  # which is one anyhow
+    points = distribution('rugged_teleop').entry_points
+    others = points.select(group='rugged_teleop.commands').names
+    assert {path.name for path in TOOLS} == {*COMMANDS, *others}
+
+
+def test_scripts_on_the_path_have_names_that_nobody_else_gives() -> None:
+    scripts = distribution('rugged_teleop').entry_points.select(group='console_scripts').names
+    assert {name for name in scripts if not name.endswith('_bridge')} == {
+        *('rugged_teleop', 'rugged_teleop_stack', 'safety_mux'),
+    }
 
 
 @pytest.mark.parametrize('path', TOOLS, ids=lambda path: path.name)
@@ -72,7 +82,8 @@ def test_executable_is_the_command_of_its_name(path: Path) -> None:
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=60.0 * TIMEOUT_FACTOR
     )
-    assert done.stdout.startswith(f'usage: rugged_teleop {path.name} '), done.stderr
+    prog = f'rugged_teleop {path.name}' if path.name in COMMANDS else path.name
+    assert done.stdout.startswith(f'usage: {prog} '), done.stderr
 
 
 @pytest.mark.parametrize('name', sorted(executables()))

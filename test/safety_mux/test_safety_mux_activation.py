@@ -202,7 +202,7 @@ class Limited(WatchedMux):
         self.run(1.5)
         self.joy = sticks(1.0, deadman=True)
         assert self.run(1.5) is State.ACTIVE
-        return float(max(map(abs, self.mux._arbiter._limiter.output)))
+        return float(max(map(abs, self.mux._arbiter.limiter.output)))
 
 
 @pytest.mark.parametrize('parameters', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])

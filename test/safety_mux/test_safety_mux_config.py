@@ -3,10 +3,14 @@
 
 """What a mux cannot be: refused, as no machine may run with it."""
 
+from collections.abc import Callable
+import math
 from typing import Any
 
 import pytest
 
+from safety_mux.arbiter import Arbiter
+from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.protocol import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 REMOTE = Operator('remote', priority=1)
@@ -14,6 +18,9 @@ GATE = EStopSource('gate')
 SECOND = Operator('second', priority=2)
 OTHER = EStopSource('other', counts='when_owner', operator='second')
 OWN = EStopSource('own', counts='when_owner', operator='remote')
+NO_TIMES = (-0.1, math.nan, math.inf)
+NONE = (0.0, *NO_TIMES)
+TIMES = ('clear_time', 'neutral_time', 'stall_limit', 'stop_time', 'drive_timeout')
 GIVEN: dict[str, Any] = {'joints': 1, 'sources': (GATE,), 'operators': (REMOTE,)}
 
 
@@ -31,6 +38,14 @@ GIVEN: dict[str, Any] = {'joints': 1, 'sources': (GATE,), 'operators': (REMOTE,)
         ),
         ({'operators': (Operator('remote', 1, timeout=0.31),)}, 'at most neutral_time, 0.3 s'),
         ({'joints': 0}, 'joints must be 1 or more'),
+        ({'operators': (REMOTE, REMOTE)}, 'operators must differ: remote'),
+        ({'operators': (REMOTE, Operator('b', 1))}, 'priorities must differ: 1'),
+        ({'sources': (GATE, OTHER)}, "belongs to operator 'second', which does not exist"),
+        ({'speed_limits': (SpeedLimit('a'), SpeedLimit('a'))}, 'speed limits must differ: a'),
+        ({'feedback': Feedback(('left', 'right'))}, 'feedback is of 2 joints'),
+        ({'torques': True, 'sources': (EStopSource('a', stop_category=1),)}, 'no stop'),
+        *(({name: value}, name) for name in ('hold_time', 'reset_silence') for value in NO_TIMES),
+        *(({name: value}, f'{name} must be above 0 s') for name in TIMES for value in NONE),
     ],
 )
 def test_mux_that_could_not_stop_or_drive_is_refused(given: dict[str, Any], words: str) -> None:
@@ -60,18 +75,47 @@ def test_name_that_is_no_part_of_a_topic_is_refused(make: Any, name: str) -> Non
         make(name)
 
 
-@pytest.mark.parametrize('timeout', [0.0, -1.0, float('inf'), float('nan')])
-def test_time_that_never_ends_or_begins_is_refused(timeout: float) -> None:
-    with pytest.raises(ValueError, match=r'timeout of .* must be above 0 s and finite'):
-        SpeedLimit('floor', timeout=timeout)
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda value: EStopSource('a', timeout=value),
+        lambda value: Operator('a', 1, timeout=value),
+        lambda value: Autonomy(timeout=value),
+        lambda value: SpeedLimit('a', timeout=value),
+        lambda value: Feedback(('left',), timeout=value),
+        lambda value: Feedback(('left',), standstill=value),
+        lambda value: Feedback(('left',), overspeed_tolerance=value),
+        lambda value: Feedback(('left',), overspeed_time=value),
+    ],
+)
+@pytest.mark.parametrize('value', NONE)
+def test_what_never_expires_or_judges_nothing_is_refused(
+    make: Callable[[float], object], value: float
+) -> None:
+    with pytest.raises(ValueError, match=r'must be above 0( s)? and finite'):
+        make(value)
 
 
-def test_what_a_speed_limit_is_while_it_is_stale_is_0_to_1() -> None:
-    assert SpeedLimit('floor').lowest == 0.0
-    assert SpeedLimit('floor', lowest=1.0).lowest == 1.0
-    for lowest in (-0.1, 1.1):
-        with pytest.raises(ValueError, match='must be from 0 to 1'):
-            SpeedLimit('floor', lowest=lowest)
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: EStopSource('a', counts='when_owner'), 'name the operator'),
+        (lambda: EStopSource('a', counts='sometimes'), 'counts'),  # type: ignore[arg-type]
+        (lambda: EStopSource('a', stop_category=2), 'stop_category'),
+        (lambda: Operator('autonomy', 1), 'cannot be named'),
+        *((lambda v=v: SpeedLimit('a', lowest=v), 'from 0 to 1') for v in (-0.1, 1.1, math.nan)),
+        (
+            lambda: Arbiter(
+                MuxConfig(**{**GIVEN, 'joints': 2}), JointLimiter([JointLimit(1.0, 1.0, 1.0)]), 0.0
+            ),
+            'limits are for 1 joints, not 2',
+        ),
+    ],
+)
+def test_senseless_input_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        make()
+    assert SpeedLimit('a', lowest=1.0).lowest == 1.0
 
 
 def test_times_are_those_of_the_parameters_as_delivered() -> None:

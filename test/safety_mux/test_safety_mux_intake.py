@@ -167,8 +167,8 @@ def test_malformed_joy_is_told_as_such_and_heard_by_nobody() -> None:
     fed = Fed()
     fed.decided(State.ACTIVE, 'fort')
     at_once, told = fed.take('operator.fort.topic', Joy(axes=[0.0], buttons=[0]))
-    ((_, *stamps), (name, operator, why, now)) = told
-    assert (name, operator, now) == ('operator_invalid', 'fort', 3.0)
+    ((_, *stamps), (name, kind, operator, why, now)) = told
+    assert (name, kind, operator, now) == ('malformed', 'operator', 'fort', 3.0)
     assert 'axes' in why
     assert stamps[-1] is None
     assert at_once is False
@@ -191,8 +191,8 @@ def test_feedback_is_told_by_joint() -> None:
     message = JointState(name=['right', 'other', 'left'], velocity=[2.0, 9.0, 1.0])
     assert fed.take('feedback.topic', message) == (False, [('measured', (1.0, 2.0), 3.0)])
     message.name[0] = 'wrong'
-    at_once, ((name, why, now),) = fed.take('feedback.topic', message)
-    assert (at_once, name, now) == (False, 'feedback_invalid', 3.0)
+    at_once, ((name, kind, _, why, now),) = fed.take('feedback.topic', message)
+    assert (at_once, name, kind, now) == (False, 'malformed', 'feedback', 3.0)
     assert 'right' in why
 
 
@@ -244,11 +244,11 @@ def test_velocities_grow_together_and_torques_do_not(interface: str, together: b
 
 def test_malformed_autonomy_is_told_as_such() -> None:
     fed = Fed(autonomy__type='JointState')
-    at_once, ((name, why, now),) = fed.take('autonomy.topic', JointState(name=['left']))
-    assert (at_once, name, now) == (False, 'autonomy_invalid', 3.0)
+    at_once, ((name, kind, _, why, now),) = fed.take('autonomy.topic', JointState(name=['left']))
+    assert (at_once, name, kind, now) == (False, 'malformed', 'autonomy', 3.0)
     assert why
     endless = twist(math.nan, 0.0)
-    assert Fed().take('autonomy.topic', endless)[1][0][0] == 'autonomy_invalid'
+    assert Fed().take('autonomy.topic', endless)[1][0][:2] == ('malformed', 'autonomy')
 
 
 @pytest.mark.parametrize(

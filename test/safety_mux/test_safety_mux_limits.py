@@ -397,3 +397,20 @@ def test_every_ramp_falls_and_ends(start: float, steps: list[float], stop_time: 
         if passed >= stop_time * (1.0 + 1e-9):
             assert abs(value) <= 1e-9
         before = value
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.sampled_from([0.0, 0.001, 0.01, 0.1])
+        )
+    )
+)
+def test_output_is_below_the_limit_or_on_its_way_there(
+    story: list[tuple[float, float, float]],
+) -> None:
+    limiter = JointLimiter([JointLimit(2.0, 5.0, 10.0)])
+    for target, scale, dt in story:
+        before = abs(limiter.output[0])
+        (value,) = limiter.step((target,), dt, scale)
+        assert abs(value) <= max(2.0 * scale, before - 10.0 * dt) + 1e-9

@@ -947,7 +947,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
 
     def explained() -> bool:
         tripped = own_mux._arbiter.status(clock.now()).tripped
-        return tripped and own_mux._arbiter._sources['fort'].device_words == '99'
+        return tripped and own_mux._arbiter.sources['fort'].device_words == '99'
 
     wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
 

@@ -211,7 +211,7 @@ def test_what_is_left_out_is_named_in_part() -> None:
 
 def test_gate_that_replaces_another_is_neutral_from_its_first_tick_on() -> None:
     before, after = Gate().in_control(), Gate()
-    after.gate.go_on(before.gate)
+    after.gate.continue_from(before.gate)
     assert after.tick(False) == [([0.0, 0.0], [0, 0])]
 
 

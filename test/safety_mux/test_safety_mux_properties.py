@@ -132,7 +132,7 @@ class Sequences(RuleBasedStateMachine):
         self.holding.discard(name)
         if name in self.newest:  # it may be let go of, and pressed anew
             self.newest[name] = replace(self.newest[name], deadman=False)
-        self.arbiter.operator_invalid(name, 'axis 0 is nan', self.now)
+        self.arbiter.malformed('operator', name, 'axis 0 is nan', self.now)
 
     @rule(value=demands)
     def autonomy(self, value: float) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.session import RETRY
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import (
@@ -294,14 +293,11 @@ def test_request_that_a_busy_line_did_not_take_is_sent_again_soon() -> None:
     rig.busy = True
     rig.do(several((5, 'period', 0.02), (5, 'pulse', 0.0015)))
     for _ in range(3):
-        rig.now = rig.session.deadline()
-        rig.poll()
+        rig.retry()
     assert not rig.payloads(21)
-    since, rig.busy = rig.now, False
-    while len(rig.payloads(21)) < 2:
-        rig.now = rig.session.deadline()
-        assert rig.now <= since + RETRY
-        rig.poll()
+    rig.busy = False
+    rig.retry()
+    assert len(rig.payloads(21)) == 2
     rig.tick(20)
     assert rig.payloads(21) == [bytes.fromhex('00 90 2710'), bytes.fromhex('00 10 02EE')]  # once
 
@@ -716,15 +712,16 @@ def test_pulse_request_ends_no_undoing_of_another_pulse() -> None:
     assert len(undoing) >= UNDO_FRAMES - 2
 
 
-def test_of_two_messages_the_second_goes_at_once_and_a_refused_one_before_it() -> None:
+def test_of_two_messages_the_second_goes_at_once_and_an_untaken_one_before_it() -> None:
     commands, now = AuxOutputCommands(keep=False), 100.0
     commands.configure((PulseOutput(), PulseOutput()))
     commands.ask([AuxRequest(1, 'period', 0.001), AuxRequest(2, 'pulse', 0.001)])
-    (first,) = commands.take(now, at_once=False)
-    assert commands.deadline == now
-    commands.refused(first, now)
-    assert commands.deadline == now + RETRY
-    assert commands.take(now, at_once=False) == [first]
-    (second,) = commands.take(now, at_once=False)
+    (first,) = commands.frames(now)
+    assert commands.frames(now) == [first]
+    assert commands.deadline <= now
+    commands.note_sent(first, now)
+    (second,) = commands.frames(now)
     assert second != first
+    assert commands.deadline <= now
+    commands.note_sent(second, now)
     assert commands.deadline == math.inf

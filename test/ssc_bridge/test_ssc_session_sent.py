@@ -15,8 +15,8 @@ from stage.ssc_rig import follow, GRIP, Rig, servos, TILT
 def leave(rig: Rig) -> None:
     """Do as a wire that is deactivated: its farewell goes out, but where the line is busy."""
     for frame in rig.session.farewell(rig.now):
-        if rig.busy:
-            rig.session.refused(frame, rig.now)
+        if not rig.busy:
+            rig.session.sent(frame, rig.now)
     rig.events += rig.session.closed(rig.now)
 
 

@@ -184,6 +184,8 @@ def test_command_is_resent_at_its_period_and_given_up_at_its_limit() -> None:
     box = CommandOutbox(1.0)
     number = box.add(DATA, NOW)
     assert box.due(NOW) == [CommandOutput(number, DATA)]
+    assert box.due(NOW + STEP) == [CommandOutput(number, DATA)]  # the line did not take it
+    box.sent(NOW)
     assert (box.sends_at, box.expires_at) == (NOW + RESEND_PERIOD, NOW + 1.0)
     assert box.due(NOW + STEP) == []
     assert box.due(box.sends_at) == [CommandOutput(number, DATA)]

@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from bridge_core.session import INTERRUPTION_TIME, Level
+from bridge_core.session import INTERRUPTION_TIME, Level, RETRY
 from stage.vm110_rig import (
     ARMED,
     armed,
@@ -23,6 +23,7 @@ from stage.vm110_rig import (
     opened,
     STOPPED,
     STOPPED_RU,
+    vrci,
 )
 from vm110_bridge.session.report import DEAF
 from vm110_bridge.simulator import build_vrpi
@@ -49,6 +50,37 @@ def test_long_output_goes_as_one_burst_of_full_packets() -> None:
     assert [struct.unpack('<H', payload[:2])[0] for _, payload in packets] == [0, 1, 2]
     assert [len(payload) - 2 for _, payload in packets] == [488, 488, 24]
     assert b''.join(payload[2:] for _, payload in packets) == data
+
+
+def test_what_a_busy_line_did_not_take_goes_once_it_is_free() -> None:
+    bench = armed(crc='mpeg2')
+    bench.hear(vrci(5), 'VRCI')
+    assert [frame[:4] for _, frame in bench.sent[-1:]] == [b'VRAO']
+    bench.run(1.0)
+    before, bench.busy = list(bench.sent), True
+    bench.hear(vrci(6), 'VRCI')
+    bench.session.send_command(b'0123456789abcdef', bench.now)
+    bench.wait(0.3)
+    assert bench.sent == before
+    bench.busy = False
+    bench.wait(RETRY)
+    missed = bench.sent[len(before) :]
+    assert [frame[:4] for _, frame in missed] == [b'VRAO', b'VRPO', b'VRCO']
+    assert len({at for at, _ in missed}) == 1
+    numbers = [struct.unpack_from('<H', frame, 8)[0] for _, frame in bench.sent]
+    assert numbers == list(range(len(numbers)))  # none was used up by what did not go out
+
+
+def test_output_that_the_line_never_took_counts_as_withheld() -> None:
+    bench = armed(crc='mpeg2')
+    bench.session.set_hold_output(False, bench.now)
+    bench.busy = True
+    for _ in range(16):
+        bench.session.set_hold_output(False, bench.now)
+        bench.hear()
+        bench.wait(0.125)
+    bench.hear(EXTERNAL)
+    assert 'VRPO were missing' in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_own_packets_are_numbered_in_one_line_and_wrap() -> None:

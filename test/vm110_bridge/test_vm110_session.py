@@ -413,17 +413,17 @@ def test_encoder_of_a_remote_that_is_not_enabled_is_not_reported() -> None:
 
 def test_encoder_counts_from_where_a_remote_is_found_and_for_none_not_at_all() -> None:
     encoder = Encoder()
-    assert not encoder.take(5, 0)
-    assert not encoder.take(9, 0)
-    assert encoder.take(7, 1)  # the first that is reported
-    assert encoder.take(8, 1)
-    assert not encoder.take(8, 1)
+    assert not encoder.read(5, 0)
+    assert not encoder.read(9, 0)
+    assert encoder.read(7, 1)  # the first that is reported
+    assert encoder.read(8, 1)
+    assert not encoder.read(8, 1)
     encoder.rest()
-    assert not encoder.take(50, 1)
+    assert not encoder.read(50, 1)
     assert encoder.position == 1
-    assert Encoder().take(0, 1)
+    assert Encoder().read(0, 1)
     beside = Encoder()
-    beside.take(9, 1)
+    beside.read(9, 1)
     assert beside.position == 0
 
 

@@ -24,7 +24,7 @@ class Encoder:
         """Count from where it stands next time: the link was lost."""
         self._ru = 0
 
-    def take(self, value: int, ru: int) -> bool:
+    def read(self, value: int, ru: int) -> bool:
         """
         Follow the counter; tell whether the position changed, or is the first to be reported.
 

@@ -81,8 +81,11 @@ class CommandOutbox:
         """Return what is to be sent now."""
         if self._outstanding is None or now < self.sends_at:
             return []
-        self.sends_at = now + RESEND_PERIOD
         return [self._outstanding]
+
+    def sent(self, now: float) -> None:
+        """Note that the outstanding command went out; it goes again unless it is acknowledged."""
+        self.sends_at = now + RESEND_PERIOD
 
     def _end(self, outcome: str, now: float) -> CommandResult:
         assert self._outstanding is not None

@@ -36,7 +36,7 @@ class Sender:
         """Tell whether two were heard beside each other not long ago."""
         return now < self.doubled_until
 
-    def takes(self, source: str, now: float, *, silent: bool, periodic: bool) -> bool:
+    def is_ours(self, source: str, now: float, *, silent: bool, periodic: bool) -> bool:
         """
         Tell whether a packet with the base unit's ID is the base unit's.
 

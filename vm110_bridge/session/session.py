@@ -8,56 +8,40 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bridge_core.session import (
-    HeldButtons,
-    Level,
-    Pacer,
-    Session as BaseSession,
-    StickStream,
-    Verdict,
-)
+from bridge_core.session import Level, Pacer, Session as BaseSession, Verdict
 from bridge_core.watchdog import Watchdog
 from vm110_bridge.parameters import MAX_OUTPUT
 from vm110_bridge.protocol import (
     AcknowledgeOutput,
     build_frame,
     burst,
-    BuState,
     CommandInput,
+    CommandOutput,
     Crc,
-    Disabled,
     Input,
-    MAX_POSITION,
     Message,
     Packet,
     PacketDecoder,
     PeriodicInput,
+    PeriodicOutput,
     RELAYS_CLOSED,
-    RuState,
 )
 from vm110_bridge.session import report
-from vm110_bridge.session.encoder import Encoder
+from vm110_bridge.session.controls import Controls
 from vm110_bridge.session.events import (
     ArmedChanged,
     Command,
     DeviceState,
-    EncoderTurned,
     Event,
     Remote,
     RemoteState,
-    Sticks,
 )
 from vm110_bridge.session.inbox import CommandInbox
+from vm110_bridge.session.origin import MEMORY, Origin
 from vm110_bridge.session.outbox import CommandOutbox
-from vm110_bridge.session.sender import Sender
-from vm110_bridge.session.serials import Arrival, SerialNumbers
+from vm110_bridge.session.serials import Arrival
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
-
-_NEUTRAL = Sticks()
-_MANY = 8  # other base units that are remembered
-_PUSHED = 1  # bit of a push button with an LED (4.1.5)
-_MEMORY = 5.0  # seconds for which what was heard last counts as being there
 
 
 class Session(BaseSession[bytes, Packet, Event]):
@@ -74,38 +58,29 @@ class Session(BaseSession[bytes, Packet, Event]):
         decoder = PacketDecoder(None if settings.crc == 'auto' else Crc(settings.crc))
         super().__init__(decoder, settings.link_timeout)
         self.settings = settings
-        self.armed = False
-        self.enabled = False
         self.vrpi: PeriodicInput | None = None  # the newest, while the link is up
-        self.bu_id = settings.bu_id  # 0 until a base unit was heard
         self.hold_output_in_use = False
         self.hold_asked = False  # VRPO are to be withheld
-        self.looped_back = 0  # packets that only a machine controller sends
-        self.foreign = 0  # packets of other base units
         self.dropped_commands = 0  # of the RU's application, while the link was down
-        self.sender = Sender(whole=settings.sender_ports == 'one')
-        self.serials = SerialNumbers()
+        self.origin = Origin(settings.bu_id, whole=settings.sender_ports == 'one')
+        self.controls = Controls(settings)
         self.inbox = CommandInbox(explicit=settings.acknowledge == 'explicit')
         self.outbox = CommandOutbox(settings.command_timeout)
         self._packets = decoder
         self._hold_output = False
         self._hold_heard = Watchdog(settings.hold_output_timeout)
-        self._others: dict[int, float] = {}  # when another base unit was heard last
         self._stops = StopJudge()
         self._pacer = Pacer(settings.output_period)
         self._output = bytes(settings.periodic_output_size)
         self._serial = 0
-        self._acknowledgements: list[int] = []  # to be sent with the next poll
+        self._offered: dict[
+            bytes, tuple[int, Message]
+        ] = {}  # by the last poll: serial and message
+        self._acknowledgements: list[int] = []  # that are owed
         self._unheard_at = -math.inf  # a command found no listener
-        self._looped_back_at = -math.inf
-        self._stream = StickStream()
-        # The VRPI that says why switches are zero may be the first one that is lost.
-        self._held = HeldButtons(2.0 * settings.link_timeout)
         self._has_news = False  # a VRPI was taken in that is not published yet
-        self._stick_ru = 0  # whose sticks were published last
         self._remote: Remote | None = None
         self._told: Any = None  # what the last DeviceState is of
-        self._encoder = Encoder()
 
     # What is known.
 
@@ -113,6 +88,16 @@ class Session(BaseSession[bytes, Packet, Event]):
     def crc(self) -> Crc | None:
         """The reading of the CRC; None: not known yet."""
         return self._packets.crc
+
+    @property
+    def armed(self) -> bool:
+        """Whether a remote is armed and nothing is stopped."""
+        return self.controls.armed
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the armed remote's movements are allowed."""
+        return self.controls.enabled
 
     @property
     def faulty(self) -> tuple[str, ...]:
@@ -131,25 +116,21 @@ class Session(BaseSession[bytes, Packet, Event]):
         open_by_itself = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
         return self.hold_asked and not (open_by_itself and self.own_estop)
 
-    def other_base_units(self, now: float) -> list[int]:
-        """Return the IDs of other base units that were heard lately."""
-        return [origin for origin, at in self._others.items() if now - at < _MEMORY]
-
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
         if self.link_up:
-            warnings += report.others(self.other_base_units(now), self.bu_id)
+            warnings += report.others(self.origin.others(now), self.origin.bu_id)
             if self._stops.is_disobeyed:
                 problems.append((Level.ERROR, report.DEAF))
             elif self.hold_asked:
                 silent = '' if self._hold_output else self._hold_heard.describe(now)
                 warnings.append(report.hold(withheld=self.output_held, silent=silent))
-        if now - self._unheard_at < _MEMORY:
+        if now - self._unheard_at < MEMORY:
             warnings.append(report.UNHEARD)
-        if now - self._looped_back_at < _MEMORY:
+        if self.origin.is_looped_back(now):
             warnings.append(report.LOOPED_BACK)
         return problems + [(Level.WARN, text) for text in warnings]
 
@@ -161,8 +142,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         """Return states, links, remote and packets in the manual's words."""
         del now
         return {
-            'base unit (bu_id)': self.bu_id or 'not heard yet',
-            'address of the base unit': self.sender.address or 'not known',
+            'base unit (bu_id)': self.origin.bu_id or 'not heard yet',
+            'address of the base unit': self.origin.sender.address or 'not known',
             'CRC': self.crc.value if self.crc else 'not known yet',
             'hold output in use': self.hold_output_in_use,
             'VRPO withheld': self.output_held,
@@ -173,17 +154,18 @@ class Session(BaseSession[bytes, Packet, Event]):
     @property
     def packets(self) -> dict[str, int]:
         """What the counters of the link do not tell, by name."""
+        serials, sender = self.origin.serials, self.origin.sender
         return {
-            'packets lost': self.serials.lost,
-            'packets repeated': self.serials.repeated,
-            'packets reordered': self.serials.reordered,
-            'restarts of the base unit': self.serials.restarts,
-            'packets of other base units': self.foreign,
-            'packets of second senders': self.sender.doubles,
-            'changes of its address': self.sender.moves,
+            'packets lost': serials.lost,
+            'packets repeated': serials.repeated,
+            'packets reordered': serials.reordered,
+            'restarts of the base unit': serials.restarts,
+            'packets of other base units': self.origin.foreign,
+            'packets of second senders': sender.doubles,
+            'changes of its address': sender.moves,
             'packets with the other CRC': self._packets.other_crc,
             'packets before the CRC was known': self._packets.before_lock,
-            'packets of machine controllers': self.looped_back,
+            'packets of machine controllers': self.origin.looped_back,
             'commands delivered': self.inbox.delivered,
             'commands repeated': self.inbox.repeats,
             'commands refused (unarmed remote)': self.inbox.refused,
@@ -204,53 +186,21 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _forget(self, now: float, reason: str) -> None:
         del now, reason
-        self._others.clear()
         self._acknowledgements.clear()
-        self.serials.forgive_gap()
+        self.origin.forget_others()
 
     def _take(self, message: Packet, now: float) -> None:
-        if not isinstance(message.message, Input):
-            self.looped_back += 1
-            self._looped_back_at = now
-        elif self._is_ours(message, now):
-            self._take_input(message.message, self._arrival(message, now), now)
-
-    def _is_ours(self, packet: Packet, now: float) -> bool:
-        """Tell whether our base unit sent it; the first VRPI decides which that is."""
-        if self.bu_id == 0 and isinstance(packet.message, PeriodicInput):
-            self.bu_id = packet.origin
-        if packet.origin != self.bu_id:
-            self.foreign += 1
-            if self.bu_id:
-                self._remember(packet.origin, now)
-            return False
-        if not self._is_of_sender(packet, now):
-            return False
-        if self.crc is None:
-            self._packets.lock(packet.crc)
-        return True
-
-    def _is_of_sender(self, packet: Packet, now: float) -> bool:
-        moves, periodic = self.sender.moves, isinstance(packet.message, PeriodicInput)
-        ours = self.sender.takes(packet.source, now, silent=not self.link_up, periodic=periodic)
-        if self.sender.moves > moves:
-            self.serials.begin()
+        moves, lines = self.origin.sender.moves, self.origin.serials.lines
+        arrival = self.origin.place(message, now, silent=not self.link_up)
+        if self.origin.sender.moves > moves:
             self.inbox.doubt()
-        return ours
-
-    def _remember(self, origin: int, now: float) -> None:
-        self._others = {each: self._others[each] for each in self.other_base_units(now)}
-        if len(self._others) < _MANY or origin in self._others:
-            self._others[origin] = now
-
-    def _arrival(self, packet: Packet, now: float) -> Arrival:
-        lines = self.serials.lines
-        arrival = self.serials.hear(
-            packet.serial, now, silent=not self.link_up, content=packet.message
-        )
-        if self.serials.lines > lines:
+        if self.origin.serials.lines > lines:
             self.inbox.restart()
-        return arrival
+        if arrival is not None:
+            if self.crc is None:
+                self._packets.lock(message.crc)
+            assert isinstance(message.message, Input)
+            self._take_input(message.message, arrival, now)
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
         if arrival is Arrival.COPY:
@@ -276,7 +226,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        if not self.link_up or self._is_interrupted(now) or self.sender.is_doubled(now):
+        if not self.link_up or self._is_interrupted(now) or self.origin.sender.is_doubled(now):
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
@@ -289,7 +239,7 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _judge(self, now: float) -> Verdict:
         verdict = self._stops.verdict()
-        if self.sender.is_doubled(now):
+        if self.origin.sender.is_doubled(now):
             return Verdict.stop(self._two_senders, *verdict.reasons)
         return verdict
 
@@ -298,55 +248,47 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     @property
     def _two_senders(self) -> str:
-        address = self.sender.address or ''
-        return report.two_senders(self.bu_id, address, self.sender.second)
+        sender = self.origin.sender
+        return report.two_senders(self.origin.bu_id, sender.address or '', sender.second)
 
     def _silence_hint(self, now: float) -> str:
-        if self.sender.is_doubled(now):
+        if self.origin.sender.is_doubled(now):
             return self._two_senders
-        others = self.other_base_units(now)
+        others = self.origin.others(now)
         if others:
-            return report.only_others(others, self.bu_id, chosen=self.settings.bu_id != 0)
-        if self.serials.restarting(now):
+            return report.only_others(others, self.origin.bu_id, chosen=self.settings.bu_id != 0)
+        if self.origin.serials.restarting(now):
             return report.RESTARTING
-        if now - self._packets.other_crc_at < _MEMORY:
+        if now - self._packets.other_crc_at < MEMORY:
             return report.other_crc(chosen=self.settings.crc != 'auto')
-        if now - self._packets.other_layout_at < _MEMORY:
+        if now - self._packets.other_layout_at < MEMORY:
             return report.OTHER_LAYOUT
-        if now - self._packets.no_origin_at < _MEMORY:
+        if now - self._packets.no_origin_at < MEMORY:
             return report.NO_ORIGIN
-        if now - self._packets.bad_crc_at < _MEMORY:
+        if now - self._packets.bad_crc_at < MEMORY:
             return report.WRONG_CRC
         return report.NO_CAUSE
 
     def _follow(self, now: float) -> None:
         if not self.link_up:
             self.vrpi, self._has_news = None, False
-        self._follow_armed()
-        if self.estop:
-            self._held.miss(now, stopped=True)
-        if self._stream.owes_neutral(fresh=self.link_up, counts=self.enabled):
-            self._emit(_NEUTRAL)
+        if self.controls.permit(self.vrpi, estop=self.estop):
+            self._emit(ArmedChanged(self.armed, self.enabled))
+        for sticks in self.controls.lapse(now, link_up=self.link_up, estop=self.estop):
+            self._emit(sticks)
         self._follow_remote()
         self._follow_device(now)
-        if not self.link_up:
-            self._encoder.rest()
-            for result in self.outbox.drop(
-                'the link was lost' if self._open else 'the port was closed'
-            ):
-                self._emit(result)
-        if self._has_news:
-            self._publish_controls(now)
-        for result in self.outbox.expire(now):
+        if self.link_up:
+            ended = self.outbox.expire(now)
+        else:
+            ended = self.outbox.drop('the link was lost' if self._open else 'the port was closed')
+        if self.vrpi is not None and self._has_news:
+            self._has_news = False
+            for event in self.controls.read(self.vrpi, now, estop=self.estop):
+                self._emit(event)
+        for result in ended:
             self._emit(result)
         self._follow_hold(now)
-
-    def _follow_armed(self) -> None:
-        armed = not self.estop and _is_armed(self.vrpi)
-        enabled = armed and _is_enabled(self.vrpi)
-        if (armed, enabled) != (self.armed, self.enabled):
-            self.armed, self.enabled = armed, enabled
-            self._emit(ArmedChanged(armed, enabled))
 
     def _follow_remote(self) -> None:
         vrpi = self.vrpi
@@ -359,7 +301,7 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _follow_device(self, now: float) -> None:
         values = report.device_values(self.vrpi)
-        told = (self.verdict, self.sender.is_doubled(now), values)
+        told = (self.verdict, self.origin.sender.is_doubled(now), values)
         if told == self._told:
             return
         self._told = told
@@ -368,16 +310,6 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self.vrpi is not None:
             problems += [(Level.WARN, text) for text in report.warnings(self.vrpi)]
         self._emit(DeviceState(tuple(problems), report.summary(self.vrpi), values))
-
-    def _publish_controls(self, now: float) -> None:
-        """Publish encoder and sticks of a new VRPI, as far as the verdict on it allows."""
-        assert self.vrpi is not None
-        self._has_news = False
-        if self._encoder.take(self.vrpi.encoder, self.vrpi.armed_ru if self.enabled else 0):
-            self._emit(EncoderTurned(self._encoder.position))
-        sticks = self._sticks_of(self.vrpi, now)
-        self._stream.published(counts=sticks.enabled)
-        self._emit(sticks)
 
     def _follow_hold(self, now: float) -> None:
         """Once a hold was asked for at all, silence asks for it too."""
@@ -389,8 +321,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         moments = [super()._expires_at(), self.outbox.expires_at]
         if not self.hold_asked:
             moments.append(self._hold_heard.deadline)
-        if self.sender.is_doubled(self._stepped_at):
-            moments.append(self.sender.doubled_until)
+        if self.origin.sender.is_doubled(self._stepped_at):
+            moments.append(self.origin.sender.doubled_until)
         return min(moments)
 
     def _sends_at(self) -> float:
@@ -398,19 +330,37 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _due_frames(self, now: float) -> list[bytes]:
         messages: list[Message] = [AcknowledgeOutput(each) for each in self._acknowledgements]
-        self._acknowledgements.clear()
         messages += [*self._due_output(now), *self.outbox.due(now)]
-        return [self._frame(message) for message in messages]
+        if not messages:
+            return []
+        assert self.crc is not None  # or nobody was heard that it could be for
+        self._offered.clear()
+        for number, message in enumerate(messages, self._serial):
+            serial = number & 0xFFFF
+            self._offered[build_frame(message, serial, self.crc)] = serial, message
+        return list(self._offered)
 
-    def _due_output(self, now: float) -> list[Message]:
+    def _due_output(self, now: float) -> list[PeriodicOutput]:
         """Return the burst of VRPO when it is due, unless it is withheld."""
         if not self._pacer.is_due(now):
             return []
-        self._pacer.sent(now)
         if self.output_held or self.crc is None:
+            self._pacer.sent(now)
             return []
-        self._stops.output_sent(now)
-        return [*burst(self._output, self.settings.first_packet_number)]
+        return burst(self._output, self.settings.first_packet_number)
+
+    def sent(self, frame: bytes, now: float) -> None:
+        """Count a packet as sent; see the base. The first of a burst takes the slot."""
+        serial, message = self._offered.pop(frame)
+        self._serial = (serial + 1) & 0xFFFF
+        if isinstance(message, AcknowledgeOutput):
+            self._acknowledgements.remove(message.command_id)
+        elif isinstance(message, CommandOutput):
+            self.outbox.sent(now)
+        else:
+            self._stops.output_sent(now)
+            if self._pacer.is_due(now):
+                self._pacer.sent(now)
 
     # What the node asks.
 
@@ -483,60 +433,3 @@ class Session(BaseSession[bytes, Packet, Event]):
     def _acknowledge(self, command_id: int) -> None:
         if self._open and self.crc is not None:  # else its repeats are acknowledged
             self._acknowledgements.append(command_id)
-
-    # What VRPI mean.
-
-    def _sticks_of(self, vrpi: PeriodicInput, now: float) -> Sticks:
-        # Another remote's sticks do not go on where those of the one before left off.
-        is_known, self._stick_ru = vrpi.armed_ru == self._stick_ru, vrpi.armed_ru
-        buttons = (*self._switches_of(vrpi), int(vrpi.encoder_switch))
-        if not self.enabled or not is_known:
-            # What is held as a remote is found enabled straight after a stop is not hidden: it
-            # prevents the mux's reset.
-            seen = () if self.enabled and self._held.after_stop else buttons
-            self._held.miss(now, stopped=self.estop, buttons=seen)
-            return _NEUTRAL
-        if vrpi.faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=buttons)
-            return Sticks(enabled=True, faulty=vrpi.faulty)
-        return Sticks(
-            axes=tuple(value if abs(value) <= MAX_POSITION else 0 for value in vrpi.joysticks),
-            buttons=self._held.of(buttons, now),
-            enabled=True,
-            faulty=vrpi.faulty,
-        )
-
-    def _switches_of(self, vrpi: PeriodicInput) -> list[int]:
-        """Return the values of the switches; the LED of one that has one is no press (4.1.5)."""
-        leds = self.settings.led_switches
-        return [
-            value & _PUSHED if number in leds else value
-            for number, value in enumerate(vrpi.switches, 1)
-        ]
-
-    # Packets.
-
-    def _frame(self, message: Message) -> bytes:
-        assert self.crc is not None  # or nobody was heard that it could be for
-        frame = build_frame(message, self._serial, self.crc)
-        self._serial = (self._serial + 1) & 0xFFFF
-        return frame
-
-
-def _is_armed(vrpi: PeriodicInput | None) -> bool:
-    """Tell whether an RU is armed and not stopped (4.1.1, 4.1.3)."""
-    return (
-        vrpi is not None
-        and vrpi.bu_state == BuState.ARMED
-        and vrpi.armed_ru != 0
-        and vrpi.ru_state in (RuState.ARMED, RuState.ENABLED)
-    )
-
-
-def _is_enabled(vrpi: PeriodicInput | None) -> bool:
-    """Tell whether the armed RU's movements are allowed; by both fields that say so."""
-    return (
-        vrpi is not None
-        and vrpi.ru_state == RuState.ENABLED
-        and vrpi.ru_disabled == Disabled.ENABLED
-    )

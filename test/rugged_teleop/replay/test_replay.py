@@ -82,7 +82,7 @@ def test_state_that_cannot_be_reached_is_not_compared(
 
 
 def ignores_stops(self: Arbiter, name: str, value: bool, now: float) -> None:
-    self._sources[name].estop(False, now)
+    self.sources[name].estop(False, now)
 
 
 def enables_in_ready(self: State) -> bool:

@@ -1,0 +1,126 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The arbiter's state in words: everything that keeps the machine from moving, and what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge_core.watchdog import in_words
+from safety_mux.protocol import State, Status, Stop
+
+if TYPE_CHECKING:
+    from safety_mux.arbiter import Arbiter
+    from safety_mux.owners import AutonomyInput, OperatorInput, OwnerInput
+
+
+def status_of(mux: Arbiter, now: float) -> Status:
+    """Return the full answer to "why does it not move?"."""
+    drives = mux.drives.values()
+    enabled = all(each.condition(now) == 'enabled' for each in drives) if drives else None
+    return Status(
+        state=mux.state,
+        owner=None if mux.owner is None else mux.owner.name,
+        inhibits=tuple(_inhibits(mux, now)),
+        ages={each.label: each.watchdog.age(now) for each in mux.inputs},
+        conditions={each.label: each.condition(now) for each in mux.inputs},
+        stops_clear=not mux.stops_at(now) and not mux.still_clearing(now),
+        operators_at_rest=not mux.unrest(now),
+        tripped=mux.trips.since is not None,
+        last_transition=mux.transition,
+        slowed=tuple(_slowed(mux, now)),
+        drives_enabled=enabled,
+        drives_ready=mux.drives_ready(now),
+    )
+
+
+def _inhibits(mux: Arbiter, now: float) -> list[str]:
+    if mux.state is State.STOPPING:
+        return [f'stopping on a ramp: {mux.transition.reason}{_motion(mux, now)}']
+    stops = mux.stops_at(now)
+    why = [stop.reason for stop in stops]
+    if mux.state is State.ACTIVE:
+        return why if mux.owner is None else why + _why_still(mux, mux.owner, now)
+    if mux.state is State.STOPPED:
+        why.insert(0, _stopped_ago(mux, stops, now))
+        why += _why_no_reset(mux, now)
+    return list(dict.fromkeys(why + _why_no_owner(mux, now)))
+
+
+def _stopped_ago(mux: Arbiter, stops: list[Stop], now: float) -> str:
+    """Say since when, and why unless all of that is among the present stops."""
+    last = mux.transition
+    text = f'stopped {in_words(now - last.at)} ago'
+    again = last.causes and set(last.causes) <= {stop.cause for stop in stops}
+    return text if again else f'{text}: {last.reason}'
+
+
+def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[str]:
+    if mux.overruled is not None:
+        return [f'{owner.label} is losing control: {mux.overruled}{_motion(mux, now)}']
+    for drive in mux.drives.values():
+        if not drive.ready(now):
+            why = drive.problem(now)
+            if why is None:
+                why = f'{drive.lapse or "it says that it is not"}{drive.says}'
+            return [f'{owner.label} waits for {drive.label} to be enabled: {why}']
+    if not mux.through_zero and not any(owner.demand):
+        return [f'{owner.label} has control and asks for zero']
+    if not mux.through_zero and any(mux.limiter.output):
+        return []
+    if mux.scale(now) == 0.0:
+        return _slowed(mux, now)
+    first = f'the output passes through zero first{_motion(mux, now)}'
+    return [f'{owner.label} takes control: {first}']
+
+
+def _slowed(mux: Arbiter, now: float) -> list[str]:
+    scale, limits = mux.scale(now), mux.speed_limits.values()
+    return [each.words(now) for each in limits if each.scale(now) == scale < 1.0]
+
+
+def _motion(mux: Arbiter, now: float) -> str:
+    """Say, with feedback, how far the way to standstill is."""
+    if mux.feedback is None:
+        return ''
+    ramps = 'ramping' if any(mux.limiter.output) else 'waiting for standstill'
+    return f'; {ramps}, {mux.feedback.left(now)}'
+
+
+def _why_no_reset(mux: Arbiter, now: float) -> list[str]:
+    why = []
+    if mux.trips.since is not None:
+        why.append('a trip is active until ~/end_trip is called, or a reset succeeds')
+    clearing = [] if mux.stops_at(now) else mux.still_clearing(now)
+    script = mux.calls.script(now)
+    why += mux.unrest(now) + clearing + ([script] if script else [])
+    return [*why, 'waiting for reset: call ~/reset']
+
+
+def _why_no_owner(mux: Arbiter, now: float) -> list[str]:
+    why = mux.unseen(now)
+    if mux.feedback is not None and mux.feedback.awaited:
+        why.append(f'waiting for standstill: {mux.feedback.left(now)}')
+    why += [
+        f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
+        'other devices are asked to stop'
+        for source in mux.sources.values()
+        if source.config.own_topic and source.own_watchdog.expired(now) and mux.counts(source, now)
+    ]
+    for operator in mux.operators.values():
+        stops = mux.guard_stops(operator, now)
+        why += [f'{operator.label} cannot take control: {reason}' for reason in stops]
+        why += _advice(mux, operator, now, stopped=bool(stops))
+    return why if mux.autonomy is None else why + _advice(mux, mux.autonomy, now)
+
+
+def _advice(
+    mux: Arbiter, each: OperatorInput | AutonomyInput, now: float, *, stopped: bool = False
+) -> list[str]:
+    problem = each.problem(now)
+    if problem is not None:
+        stops = (source.stop_reason(now) or '' for source in mux.sources.values())
+        told = any(stop.endswith(each.device_words) for stop in stops)
+        return [problem.removesuffix(each.says) if told else problem]
+    return [each.advice(now)] if mux.state is State.READY and not stopped else []
