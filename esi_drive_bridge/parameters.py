@@ -40,6 +40,15 @@ PARAMETERS = (
         choices=('padded', 'compact'),
     ),
     Parameter(
+        'axes_enable',
+        'together',
+        'together: both axes are enabled, stopped and cleared as one, and a fault of one stops '
+        'both. each: every axis by itself, by its own ~/axis_a/enable or ~/axis_b/enable besides '
+        '~/enable; what the axes share still stops both.',
+        choices=('together', 'each'),
+        fixed=True,
+    ),
+    Parameter(
         'mode',
         ['velocity'],
         f'Command mode, as configured in HiDS. {_EACH}',

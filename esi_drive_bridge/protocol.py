@@ -326,6 +326,11 @@ class AxisStatus:
         """Any error bit at all is set, whatever the drive's own summary says."""
         return int(self.errors) | int(self.state) & _FAULT_MASK != 0
 
+    def shared_faults(self) -> list[str]:
+        """Name the error bits of what both axes depend on, with what to do."""
+        texts = [_STATE_FAULTS[AxisState.IPC_CAN_ERROR]] if self.ipc_can_error else []
+        return [*texts, RS422_FAULT] if self.rs422_error else texts
+
     def faults(self) -> list[str]:
         """Name every error bit, with what to do; empty exactly if not ``faulty``."""
         texts = [text for flag, text in _MOTOR_FAULTS.items() if self.errors & flag]
@@ -378,9 +383,13 @@ class Status:
         """Any error bit of any axis is set."""
         return any(axis.faulty for axis in self.axes)
 
-    def faults(self) -> list[str]:
-        """Name every error bit of every axis, with what to do, as 'axis A: overcurrent: ...'."""
-        return [f'axis {name}: {text}' for name, axis in self.lettered() for text in axis.faults()]
+    def faults(self, letters: str = AXIS_LETTERS) -> list[str]:
+        """Name every error bit that concerns these axes, as 'axis A: overcurrent: ...'."""
+        return [
+            f'axis {name}: {text}'
+            for name, axis in self.lettered()
+            for text in (axis.faults() if name in letters else axis.shared_faults())
+        ]
 
     def warnings(self) -> list[str]:
         """Name the axes that report a warning."""

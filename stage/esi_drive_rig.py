@@ -28,7 +28,7 @@ def crc(data: bytes) -> int:
 def status(
     state_a: int = 0, state_b: int = 0, *, feedback: tuple[int, int] = (0, 0), errors: int = 0
 ) -> bytes:
-    """Build a dual-axis status packet from the manual's table 4.3.2."""
+    """Build a dual-axis status packet from the manual's table 4.3.2; the errors are axis A's."""
     body = struct.pack('<BhBBhB', state_a, feedback[0], errors, state_b, feedback[1], 0)
     return b'\xf0\xf0' + body + crc(body).to_bytes(2, 'little')
 
@@ -102,10 +102,10 @@ class Rig:
     def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
         self.events += output[0]
         if self.busy:
-            for frame in output[1]:
-                self.session.refused(frame, self.now)
             return []
-        self.frames += [(self.now, frame) for frame in output[1]]
+        for frame in output[1]:
+            self.session.sent(frame, self.now)
+            self.frames.append((self.now, frame))
         return output[1]
 
     def do(self, action: Callable[[], None]) -> list[bytes]:

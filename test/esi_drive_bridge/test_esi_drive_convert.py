@@ -219,6 +219,7 @@ def test_feedback_sent_back_is_the_same_count(
     axis = Axis('j', mode, scale, gear, 0.3, inverted)
     message = joint_state(Status((AxisStatus(feedback=count),)), (axis,))
     (value,) = command_values(message, (axis,))
+    assert value is not None
     assert round(value / axis.si_per_count) == count
 
 

@@ -51,6 +51,7 @@ class Loop:
     def _send(self, output: tuple[list[Any], list[bytes]]) -> None:
         self.events += output[0]
         for frame in output[1]:
+            self.session.sent(frame, self.now)
             enabled = self.motor_enabled
             self.drive.receive(frame, self.now)
             if enabled and self.motor_enabled:

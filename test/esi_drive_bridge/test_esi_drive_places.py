@@ -141,7 +141,10 @@ class Line:
 
     def wait(self, seconds: float) -> list[tuple[Mode, int]]:
         self.now += seconds
-        return said(self.session.poll(self.now)[1])
+        frames = self.session.poll(self.now)[1]
+        for frame in frames:
+            self.session.sent(frame, self.now)
+        return said(frames)
 
 
 UNKNOWN = (Mode.VELOCITY, 0)

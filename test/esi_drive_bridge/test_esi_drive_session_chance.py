@@ -50,6 +50,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     def _check(self, frames: list[bytes]) -> None:
         for frame in frames:
+            self.session.sent(frame, self.now)
             growth = self.SLEW_LIMIT * min(self.now - self.last_sent, self.PERIOD) + 1.0
             self.last_sent = self.now
             axes = fields(frame)

@@ -447,7 +447,7 @@ def test_loop_that_is_late_by_a_little_keeps_the_rate(rig: Rig) -> None:
 def test_command_is_cut_where_rounding_does_not_bring_it_back(value: float, cut: int) -> None:
     rig = Rig(axes=axes(Mode.TORQUE))
     rig.session.set_command((value, 0.0), rig.now)
-    assert rig.session.saturations == cut
+    assert rig.session.groups[0].saturations == cut
 
 
 # Phases and their ends.

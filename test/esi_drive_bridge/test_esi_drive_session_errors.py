@@ -196,10 +196,10 @@ def test_values_saturate_and_are_counted() -> None:
     rig.tick()
     rig.command = (-1e300, -0.5e300)
     assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [-32767, 32767]
-    assert rig.session.saturations == 4
+    assert rig.session.groups[0].saturations == 4
     rig.command = (50.0, 0.0)
     assert [axis[2] for axis in fields(rig.tick(2)[-1])] == [100, 0]
-    assert rig.session.saturations == 4
+    assert rig.session.groups[0].saturations == 4
 
 
 def test_what_is_cut_is_a_warning_while_it_is_commanded() -> None:
@@ -265,7 +265,7 @@ def test_position_beyond_a_packet_is_refused_and_stops() -> None:
     with pytest.raises(ValueError, match=r'command left within ±6\.283 rad: 10 is beyond'):
         rig.session.set_command((10.0, 0.0), rig.now)
     assert all(is_disable(frame) for frame in rig.tick(2))
-    assert rig.session.saturations == 0
+    assert rig.session.groups[0].saturations == 0
 
 
 @pytest.mark.parametrize('feedback', [32767, -32768])
@@ -321,7 +321,7 @@ def test_axis_b_of_a_drive_that_should_have_none_is_told() -> None:
 def test_impossible_commands_are_refused_and_counted(rig: Rig, values: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match=r'values for|not finite'):
         rig.session.set_command(values, rig.now)
-    assert rig.session.refused_commands == 1
+    assert rig.session.groups[0].refused_commands == 1
     assert any('command refused' in text for text in rig.session.inhibits(rig.now))
 
 
