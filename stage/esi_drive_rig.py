@@ -90,7 +90,7 @@ class Rig:
         self.enable: bool | None = False
         self.estop: bool | None = False
         self.busy = False  # the line takes no packet
-        self._take(self.session.opened(self.now))
+        self.take(self.session.opened(self.now))
         if self.positions:
             self.tick(8)  # until statuses answer packets in position mode
             self.frames.clear()
@@ -99,7 +99,8 @@ class Rig:
     def positions(self) -> bool:
         return Mode.POSITION in [axis.mode for axis in self.session.settings.axes]
 
-    def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
+    def take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
+        """Keep events and packets, as a wire does; return the packets that went out."""
         self.events += output[0]
         if self.busy:
             return []
@@ -111,11 +112,11 @@ class Rig:
     def do(self, action: Callable[[], None]) -> list[bytes]:
         """Carry out a request and poll, as a wire does."""
         action()
-        return self._take(self.session.poll(self.now))
+        return self.take(self.session.poll(self.now))
 
     def hear(self, data: bytes) -> list[bytes]:
-        frames = self._take(self.session.receive(data, self.now))
-        return frames + self._take(self.session.poll(self.now))
+        frames = self.take(self.session.receive(data, self.now))
+        return frames + self.take(self.session.poll(self.now))
 
     def tick(self, count: int = 1) -> list[bytes]:
         """Let 10 ms pass with everything that the rig's attributes say."""
@@ -130,7 +131,7 @@ class Rig:
                 self.session.set_command(self.command, self.now)
             if self.enable is not None:
                 self.session.set_enable(self.enable, self.now)
-            self._take(self.session.poll(self.now))
+            self.take(self.session.poll(self.now))
         return [frame for _, frame in self.frames[start:]]
 
     def press(self) -> None:

@@ -132,7 +132,7 @@ def end_by_stall(rig: Rig) -> None:
 
 def end_by_unplugging(rig: Rig) -> None:
     rig.session.closed(rig.now)
-    rig._take(rig.session.opened(rig.now))
+    rig.take(rig.session.opened(rig.now))
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_enable_false_and_true_in_one_read_begins_at_rest(rig: Rig) -> None:
     moving(rig)
     rig.session.set_enable(False, rig.now)
     rig.session.set_enable(True, rig.now)
-    rig._take(rig.session.poll(rig.now))
+    rig.take(rig.session.poll(rig.now))
     assert values([rig.frames[-1][1]]) == [0]
     assert values(rig.tick(4)) == [0, 10, 20, 30]
 
