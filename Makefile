@@ -1,28 +1,23 @@
-# Each target does its own set-up in .venv. Needs python3 (3.10 to 3.13) and make; on Debian and Ubuntu also
-# the package python3-venv. A sourced ROS 2 Jazzy is used as it is; without one, ROS 2 comes as wheels. Tests on
-# a real CAN interface need user-mode-linux and iproute2 besides, those in a browser chromium; where they are
-# missing, make test says so.
+# Each target sets itself up in .venv. Needs python3 (3.10 to 3.13) and make; on Debian and Ubuntu also python3-venv. A
+# sourced ROS 2 Jazzy is used as it is; without one, ROS 2 comes as wheels. Tests on a real CAN interface need
+# user-mode-linux and iproute2, those in a browser chromium; make test says what is missing.
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
 #   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
-#   make proof             all the evidence, a day; goes on where it was, results in build/proof.json; ARGS=states for
-#                          every state of each world of docs/safety.md but one, minutes
-#   make fuzz              ten million hostile inputs for each parser, 100 000 for each session, decoder and callback;
-#                          hours, and goes on where it was; ARGS='--count 100000 ssc' and the like
-#   make mutants           plant faults in what decides, and name those that no test notices; hours;
-#                          ARGS='safety_mux/limits.py --sample 50' and the like
 #   make lint              ruff and mypy
-#   make bench             measure, write assurance/benchmarks/results.json and the table of docs/performance.md; ARGS=--quick
+#   make proof             all the evidence, a day, into build/proof.json; goes on where it was; ARGS=states is every
+#                          state of each world of docs/assurance.md but one, minutes
+#   make fuzz              hostile inputs, hours; ARGS='--count 100000 ssc' and the like
+#   make mutants           plant faults in what decides, hours; ARGS='safety_mux/limits.py --sample 50' and the like
+#   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' or 'random -n 1000'
+#   make soak              keep all devices in motion for HOURS (1); ARGS=--busy saturates the cores
+#   make bench             measure; write assurance/benchmarks/results.json and docs/performance.md; ARGS=--quick
 #   make bench-check       measure again; status 1 where a ratio got worse by a quarter; ARGS=--quick
-#   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' and the like,
-#                          or by faults at random, ARGS='random -n 1000'
-#   make soak              keep all devices in motion for HOURS (1), and see what grows, drifts or stops; ARGS=--busy
-#   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the tables in
-#                          the code
+#   make reference         write config/*.yaml, their schema, the SROS 2 policy and the tables of docs/ from the code
 #   make docs              write the site into docs/_build; a warning is an error
 #   make dist-check        install sdist and wheel into clean environments, and start every command there
-#   make lock              pin what requirements*.txt come to by hash, after a change of them; needs Python 3.10 to 3.13
-#   make sbom              write sbom.cdx.json, what the package runs with, as CycloneDX
+#   make lock              pin by hash what requirements*.txt come to; needs Python 3.10 to 3.13
+#   make sbom              write sbom.cdx.json (CycloneDX)
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3

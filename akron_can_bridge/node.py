@@ -29,10 +29,10 @@ from akron_can_bridge.session import (
     UnitChanged,
 )
 from akron_can_bridge.wire import BRIDGE
+from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
-from bridge_core.report import Report
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.transports.process import ProcessLink
@@ -45,6 +45,7 @@ class AkronCanBridge(BridgeNode[Event]):
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
     LINK = ProcessLink
+    TELLS_DEVICE = True
     SERVICES = {request.value: Call.of(Session.request, request) for request in Request}
 
     def __init__(self, **options: Any) -> None:
@@ -63,7 +64,6 @@ class AkronCanBridge(BridgeNode[Event]):
         self._joy = self.create_publisher(Joy, '~/joy', 10)
         self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
         self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
-        self._device_publisher = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         # What comes first here is read first.
         self.watched_subscription(
             Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
@@ -74,7 +74,8 @@ class AkronCanBridge(BridgeNode[Event]):
     def forget_device(self) -> None:
         """Publish that nothing is known of the unit, and neutral sticks after others."""
         self._unit = '', 0
-        self._publish_device(DeviceChanged())
+        self._device = DeviceChanged()
+        self.publish_device()
         self._publish_limits(LimitsChanged())
         self._publish_outputs(OutputsChanged())
         if self._streaming:
@@ -90,7 +91,8 @@ class AkronCanBridge(BridgeNode[Event]):
         if isinstance(event, Positions):
             self._publish_joint_states(event)
         elif isinstance(event, DeviceChanged):
-            self._publish_device(event)
+            self._device = event
+            self.publish_device()
         elif isinstance(event, LimitsChanged):
             self._publish_limits(event)
         elif isinstance(event, OutputsChanged):
@@ -111,11 +113,6 @@ class AkronCanBridge(BridgeNode[Event]):
             self._handover, self._lost, self._told = event, False, True
         elif isinstance(event, HandoverWanted):
             self._hand_over()
-
-    def on_report(self, report: Report, now: float) -> None:
-        """Publish who the unit is as often as its diagnostics."""
-        super().on_report(report, now)
-        self._publish_device(self._device)
 
     def on_lost(self) -> None:
         """Note it: the next one follows the same unit."""
@@ -154,14 +151,13 @@ class AkronCanBridge(BridgeNode[Event]):
             convert.limits(event.position, event.rotation, event.elevation, *self._unit_name())
         )
 
-    def _publish_device(self, event: DeviceChanged) -> None:
-        self._device = event
-        self._device_publisher.publish(
-            convert.device(
-                *(event.pin, event.device_type, event.address, event.name, event.namesake),
-                self.values['source_address'],
-                self.values['hardware_id'] or event.pin or self.hardware_name,
-            )
+    def device_state(self) -> Any:
+        """Return who the unit is on the bus."""
+        said = self._device
+        return convert.device(
+            *(said.pin, said.device_type, said.address, said.name, said.namesake),
+            self.values['source_address'],
+            self.values['hardware_id'] or said.pin or self.hardware_name,
         )
 
     def _publish_outputs(self, event: OutputsChanged) -> None:

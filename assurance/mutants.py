@@ -39,7 +39,9 @@ ENOUGH = 0.95  # of those that are not excused
 
 _MUX = tuple(f'safety_mux_{name}' for name in ('rules', 'motion', 'config', 'feedback', 'chains'))
 _ESI = tuple(f'esi_drive_{name}' for name in ('session', 'apart', 'ramp', 'places'))
-_VSC = tuple(f'fort_vsc_{name}' for name in ('session', 'echo', 'heard', 'sent', 'held'))
+_VSC = tuple(
+    f'fort_vsc_{name}' for name in ('stories', 'session', 'echo', 'heard', 'sent', 'held')
+)
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
@@ -67,6 +69,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
+    'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),

@@ -97,7 +97,7 @@ class Gate:
 
     def hear_enable(self, value: bool, now: float, stops: Sequence[str] = ()) -> tuple[str, ...]:
         """Hear enable. Return why it rises in vain, if it does."""
-        assert self.enable is not None
+        assert self.enable is not None and self.command is not None  # noqa: PT018
         self._expire(now)
         rises = value and (self.enable.expired(now) or not self._enable_value)
         armed = self._armed
@@ -108,7 +108,7 @@ class Gate:
         forbidden = self.forbidden(now, stops)
         self._armed = not (value or forbidden)
         if value and armed and not (forbidden or self._untold):
-            self.state, self._waits_until = State.WAITING, now + (self._policy.command or 0.0)
+            self.state, self._waits_until = State.WAITING, now + self.command.timeout
         if not rises or self.state is not State.SHUT:
             return ()
         return tuple(forbidden) or ('enable was not heard false before, after the last stop',)

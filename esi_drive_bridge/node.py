@@ -4,7 +4,6 @@
 """The ESI drive bridge: one or two servo axes on RS422 as ROS topics."""
 
 from collections.abc import Mapping
-import itertools
 import math
 from typing import Any, ClassVar
 
@@ -12,8 +11,9 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level, Verdict
@@ -66,6 +66,8 @@ class EsiDriveBridge(BridgeNode[Event]):
         if self._is_each:
             self._is_enabled = [False, False]
             self._own = list(map(self._create_axis_interfaces, range(len(self._is_enabled))))
+            self._stops.beside = self._publish_axes
+            self._stops.publish()
 
     @property
     def _is_each(self) -> bool:
@@ -90,23 +92,21 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._axes = axes_of(values)
 
     def pace(self, now: float) -> float:
-        """Ask for statuses while somebody listens; repeat ~/enabled, behind the stop."""
+        """Ask for statuses while somebody listens."""
         listened = self._joint_states.get_subscription_count() > 0
         # As a stop: it counts however late it comes, or a listener would wait for ever.
         if listened != self._listened and self.request(Session.set_reporting, listened, stop=True):
             self._listened = listened
-        repeats = now >= self._repeat_at
-        due = super().pace(now)
-        if repeats:
-            self._say_enabled()
-        return due
+        return super().pace(now)
 
-    def _publish_verdict(self, verdict: Verdict) -> None:
-        # The axes' first: who listens to one of them must not learn of a stop later than others.
-        axes = verdict.axes if isinstance(verdict, AxesVerdict) else ()
-        for (estop, _), is_stopped in itertools.zip_longest(self._own, axes):
-            estop.publish(Bool(data=verdict.estop if is_stopped is None else is_stopped))
-        super()._publish_verdict(verdict)
+    def on_repeat(self) -> None:
+        """Repeat ``~/enabled``."""
+        self._say_enabled()
+
+    def _publish_axes(self, verdict: Verdict) -> None:
+        axes = verdict.axes if isinstance(verdict, AxesVerdict) else (verdict.estop,) * 2
+        for (estop, _), is_stopped in zip(self._own, axes, strict=True):
+            estop.publish(Bool(data=is_stopped))
 
     def _say_enabled(self) -> None:
         # What came last of a wire may be lost: an inactive node has told the drive to disable.

@@ -9,15 +9,16 @@ from collections.abc import Callable, Mapping
 import reprlib
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import KeyValue
 from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
 from std_msgs.msg import Bool, Int8, String, UInt8
 
 from bridge_core.diagnostics import to_msg
+from bridge_core.input_guard import STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
-from bridge_core.report import Report, Status
+from bridge_core.report import Status
 from bridge_core.runner import run
 from bridge_core.session import Level
 from fort_vsc_bridge import convert
@@ -46,6 +47,7 @@ class FortVscBridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    TELLS_DEVICE = True
 
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
@@ -61,7 +63,6 @@ class FortVscBridge(BridgeNode[Event]):
         self._mode = self.create_publisher(String, '~/mode', latched_qos())
         self._autonomy_mode = self.create_publisher(String, '~/autonomy_mode', latched_qos())
         self._radio_strength = self.create_publisher(Int8, '~/radio_strength', latched_qos())
-        self._device = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
         self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.create_publisher(String, '~/nmea', 10)
@@ -82,7 +83,7 @@ class FortVscBridge(BridgeNode[Event]):
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What asked for stops has to be heard again, or its silence is one."""
         del values
-        return {STOP_HEARD: self._stop_heard or bool(self._unheard)}
+        return {STOP_HEARD: self._stop_heard or self.stop_unheard}
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the VSC."""
@@ -104,7 +105,7 @@ class FortVscBridge(BridgeNode[Event]):
             self._battery.publish(convert.battery_state(event.status, *self.header()))
             self._radio_strength.publish(convert.radio_strength(event.status))
             self._remote = event.status
-            self._publish_device()
+            self.publish_device()
         elif isinstance(event, GpsSentence):
             self._publish_gps(event)
         elif isinstance(event, UserValue):
@@ -114,11 +115,6 @@ class FortVscBridge(BridgeNode[Event]):
         """Return how many GPS sentences could not be read."""
         return {'bad GPS sentences': self._bad_sentences}
 
-    def on_report(self, report: Report, now: float) -> None:
-        """Publish the diagnostics, and the state of the device again."""
-        super().on_report(report, now)
-        self._publish_device()
-
     def _publish_mode(self, said: ModeChanged) -> None:
         before, self._said = self._said, said
         if said.mode != before.mode:
@@ -126,12 +122,12 @@ class FortVscBridge(BridgeNode[Event]):
             self.log(Level.OK, f'mode: {name}, was {was}', site='mode')
         self._mode.publish(convert.mode_string(said.mode))
         self._autonomy_mode.publish(convert.mode_string(said.autonomy))
-        self._publish_device()
+        self.publish_device()
 
-    def _publish_device(self) -> None:
+    def device_state(self) -> Any:
+        """Return what VSC and remote say of themselves."""
         state = Status(*device_state(self._said.heartbeat, self._remote))
-        name = self.get_fully_qualified_name().lstrip('/')
-        self._device.publish(to_msg(state, name, self.hardware_id))
+        return to_msg(state, self.full_name, self.hardware_id)
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         self._joy.publish(

@@ -22,6 +22,8 @@ from safety_mux.parameters import enabled_topic
 from safety_mux.protocol import AUTONOMY, Decision, Demand, Kind, MalformedInput, State
 from safety_mux.stamps import StampWatch
 
+Take = Callable[[Any, float], bool]
+
 
 class Listened(NamedTuple):
     """
@@ -36,7 +38,7 @@ class Listened(NamedTuple):
     kind: Kind
     name: str
     type: str
-    take: Callable[[Any, float], bool]
+    take: Take
 
 
 class Intake:
@@ -82,26 +84,33 @@ class Intake:
 
     def topics(self) -> Iterator[Listened]:
         """Yield what to listen to; of topics that have something, the first is read first."""
-        config, values = self.config, self._values
+        config, values, arbiter = self.config, self._values, self.arbiter
+
+        def data(record: Callable[[str, Any, float], None], name: str) -> Take:
+            def take(message: Any, now: float) -> bool:
+                record(name, message.data, now)
+                return False
+
+            return take
+
         for source in config.sources:
-            prefix, name = f'estop.{source.name}', source.name
+            name = source.name
             if source.own_topic:  # first, so that a stop finds it in place
-                own = partial(self._own_estop, name)
-                yield Listened(f'{prefix}.own_topic', 'e-stop source', name, 'Bool', own)
-            take: Callable[[Any, float], bool] = partial(self._estop, name)
-            yield Listened(f'{prefix}.topic', 'e-stop source', name, 'Bool', take)
+                own = data(arbiter.own_estop_message, name)
+                yield Listened(f'estop.{name}.own_topic', 'e-stop source', name, 'Bool', own)
+            estop = partial(self._estop, name)
+            yield Listened(f'estop.{name}.topic', 'e-stop source', name, 'Bool', estop)
         for name in config.drives:
-            yield Listened(
-                enabled_topic(name), 'drive', name, 'Bool', partial(self._drive_enabled, name)
-            )
-        for limit in config.speed_limits:
-            parameter, take = f'speed_limit.{limit.name}.topic', partial(self._limit, limit.name)
-            yield Listened(parameter, 'speed limit', limit.name, 'Float64', take)
+            take = data(arbiter.drive_enabled, name)
+            yield Listened(enabled_topic(name), 'drive', name, 'Bool', take)
+        for name in (limit.name for limit in config.speed_limits):
+            take = data(arbiter.speed_limit, name)
+            yield Listened(f'speed_limit.{name}.topic', 'speed limit', name, 'Float64', take)
         if config.feedback is not None:
             yield Listened('feedback.topic', 'feedback', 'feedback', 'JointState', self._feedback)
         for operator in config.operators:
-            parameter, take = f'operator.{operator.name}.topic', partial(self._joy, operator.name)
-            yield Listened(parameter, 'operator', operator.name, 'Joy', take)
+            name, joy = operator.name, partial(self._joy, operator.name)
+            yield Listened(f'operator.{name}.topic', 'operator', name, 'Joy', joy)
         if config.autonomy is not None:
             kind = values['autonomy.type']
             yield Listened('autonomy.topic', 'autonomy', AUTONOMY, kind, self._autonomy)
@@ -110,18 +119,6 @@ class Intake:
         self.arbiter.estop_message(name, message.data, now)
         stopped = self._decision is not None and self._decision.state is State.STOPPED
         return bool(message.data) and not stopped
-
-    def _own_estop(self, name: str, message: Any, now: float) -> bool:
-        self.arbiter.own_estop_message(name, message.data, now)
-        return False
-
-    def _drive_enabled(self, name: str, message: Any, now: float) -> bool:
-        self.arbiter.drive_enabled(name, message.data, now)
-        return False
-
-    def _limit(self, name: str, message: Any, now: float) -> bool:
-        self.arbiter.speed_limit(name, message.data, now)
-        return False
 
     def _feedback(self, message: Any, now: float) -> bool:
         try:

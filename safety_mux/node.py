@@ -15,50 +15,37 @@ import math
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, Float64, String
-from std_srvs.srv import SetBool, Trigger
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Joy
+from std_msgs.msg import Bool, String
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
-from bridge_core.lane import owner_of
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
-from bridge_core.watchdog import FreezeWatch, FROZEN
+from bridge_core.watchdog import FROZEN
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check, joy_mapping
-from safety_mux.device_words import DeviceWords
-from safety_mux.intake import Intake, Listened
+from safety_mux.intake import Intake
+from safety_mux.listening import DEMAND_QOS, listeners_of, OwnOutputs, Subscriptions
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.parameters import GENERAL, parameter_table
-from safety_mux.protocol import Decision, Kind, Reply, State
+from safety_mux.protocol import Decision, Reply, State
 from safety_mux.report import report_of, Surroundings, unheard
+from safety_mux.services import Services
 
-# A stop must not be overwritten by what follows it before it was read, hence the depth.
-ESTOP_QOS = QoSProfile(depth=100)
-# Sticks and velocities may come from a publisher of either kind; the newest is what counts, so a
-# message that was lost is no stop. Their time-outs bound what that may hide.
-DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Never transient local: an old command must not reach a drive that starts later.
 COMMAND_QOS = QoSProfile(depth=1)
 
-_TYPES = {each.__name__: each for each in (Bool, Float64, JointState, Joy, Twist, TwistStamped)}
-_TWIST_TYPES = {'twist': Twist, 'twist_stamped': TwistStamped}
 _DEADBAND = 0.05  # of axes that move no joint
 _DEMAND_PERIOD = 0.05  # s, of ~/stop_demand; devices time out on it
 _STATE_PERIOD = 0.1  # s, of ~/state, for people
 _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
-_LOOK_PERIOD = 0.1  # s; each look wakes the executor
-_FREEZE = 0.2 + _LOOK_PERIOD  # s without a look: what bridges take for a freeze, at the least
-_SETTLING_TIME = 0.25  # s, as of bridges
 _INACTIVE = 'the mux is not active: activate the node'
 _EARLY = 'was pressed before the stop was over'
 
@@ -76,26 +63,24 @@ class SafetyMux(ManagedNode):
         heartbeat = 1.0 / heartbeat_rate
         self._estop = self.create_repeated(Bool, '~/estop', latched_qos(deadline), heartbeat)
         self._enable = self.create_repeated(Bool, '~/enable', COMMAND_QOS, heartbeat)
-        if self.values['output'] == 'joints':
-            self._command = self.create_publisher(JointState, '~/command', COMMAND_QOS)
-        else:
-            kind = _TWIST_TYPES[self.values['output']]
-            self._command = self.create_publisher(kind, '~/cmd_vel', COMMAND_QOS)
+        self._words = command_of(self.values)
+        self._command = self.create_publisher(self._words.type, self._words.topic, COMMAND_QOS)
         self._state = self.create_repeated(String, '~/state', latched_qos(), _STATE_PERIOD)
         self._status = self.create_publisher(DiagnosticStatus, '~/status', latched_qos())
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(Trigger, '~/trip', self._on_trip)
-        self.create_service(Trigger, '~/end_trip', self._on_end_trip)
-        self.create_service(SetBool, '~/select_autonomy', self._on_select_autonomy)
-        self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)  # of the executor's thread
-        self.create_timer(_LOOK_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.asked = Services(
+            self,
+            reset=self._reset,
+            trip=self._trip,
+            end_trip=self._end_trip,
+            select=self._select_autonomy,
+        )
+        self._inputs = Subscriptions(self, self._decide)
+        own = (self._estop.publisher, self._enable.publisher, self._command)
+        self._outputs = OwnOutputs(self, own, self._hear_other)
         self._causes: set[str] = set()  # of stops, as logged
         self._logged_at = -math.inf
         self._refused_reset: tuple[float, str] | None = None  # since the last one that counted
-        self._own_watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
-        self._inputs: list[Any] = []
-        self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
         self._stop_demands: dict[str, Repeated] = {}
         self._gated_joys: dict[str, GatedJoy] = {}
         self._unheard = ''  # as of the last look around
@@ -175,18 +160,12 @@ class SafetyMux(ManagedNode):
         self._arbiter = self._intake.arbiter
         self._hold(clock.now())
         self._last_state: State | None = None
-        watches = {topic: watch for topic, (_, _, watch) in self._watches.items()}
-        self._watches = {}
-        self._unpublished: list[str] = []  # as of the last look around
-        self._device_words = DeviceWords(self._arbiter.explain)
         self._words = command_of(values)
         for source in self._intake.config.sources:
             self._stop_demands[source.name] = self.create_repeated(
                 Bool, f'~/stop_demand/{source.name}', latched_qos(), _DEMAND_PERIOD
             )
-        for each in self._intake.topics():
-            topic = self.resolve_topic_name(self.values[each.parameter])
-            self._subscribe(each, watches.get(topic) or PublisherWatch())
+        self._inputs.listen(self._intake)
         for operator in self._intake.config.operators:
             if values[f'operator.{operator.name}.gated_joy']:
                 self._gated_joys[operator.name] = self._gated_joy(operator.name)
@@ -202,42 +181,14 @@ class SafetyMux(ManagedNode):
             deadman=self.values[f'operator.{name}.deadman_buttons'],
         )
 
-    def _subscribe(self, listened: Listened, watch: PublisherWatch) -> None:
-        _, kind, name, message_type, take = listened
-
-        def on_message(message: Any, info: Any) -> None:
-            now = clock.now()
-            lost = watch.heard(info['publication_sequence_number'], now)
-            if watch.doubled(now):
-                self._look_at(subscription.topic_name, now)
-            elif lost and kind == 'e-stop source':
-                self._note_loss(kind, name, f'{lost} messages of {subscription.topic_name}')
-            if take(message, now):
-                self._decide(now)
-
-        topic = self.values[listened.parameter]
-        qos = ESTOP_QOS if message_type == 'Bool' else DEMAND_QOS
-        subscription = self.lane.subscribe(_TYPES[message_type], topic, on_message, qos)
-        self._inputs.append(subscription)
-        self._watches[subscription.topic_name] = (kind, name, watch)
-        if not listened.parameter.endswith('own_topic'):
-            self._device_words.listen(kind, name, subscription.topic_name)
-
-    def _note_loss(self, kind: Any, name: str, what: str) -> None:
-        """Stop: what never arrived may have been a stop."""
-        self._arbiter.set_invalid(kind, name, 'lost messages', f'{what} were lost')
-        self._arbiter.set_invalid(kind, name, 'lost messages', None)
-
     def _rebuild(self) -> None:
         self._keep_watching()
-        for subscription in self._inputs:
-            self.lane.unsubscribe(subscription)
         publishers = [each.publisher for each in self._stop_demands.values()]
         publishers += [each.publisher for each in self._gated_joys.values()]
         for publisher in publishers:
             self.destroy_publisher(publisher)
         before, gates = self._arbiter, self._gated_joys
-        self._inputs, self._stop_demands, self._gated_joys = [], {}, {}
+        self._stop_demands, self._gated_joys = {}, {}
         self._build()
         self._arbiter.continue_from(before, clock.now())
         for name in gates.keys() & self._gated_joys.keys():
@@ -261,14 +212,14 @@ class SafetyMux(ManagedNode):
 
     def _on_diagnostics(self, message: Any) -> None:
         """Take from the diagnostic of a device why it stops, is quiet, or is not enabled."""
-        if self._device_words.hear(message.status) and not self._words_posted:
+        if self._inputs.device_words.hear(message.status) and not self._words_posted:
             self._words_posted = True  # once, however long the lane hangs
             self.lane.post(self._explain)
 
     def _explain(self) -> None:
         self._unheard = ''  # as of the last look around
         self._words_posted = False  # first: what comes from now on may be missed below
-        self._device_words.pass_on(clock.now())
+        self._inputs.device_words.pass_on(clock.now())
 
     def _on_sound_joy(self, name: str, message: Any) -> None:
         if name in self._gated_joys:
@@ -299,141 +250,45 @@ class SafetyMux(ManagedNode):
         return '' if self._last_state is State.STOPPED else _EARLY
 
     def _look_around(self, now: float) -> None:
-        """Find topics with two live publishers, or with one that could never be heard."""
+        """Find who publishes the inputs and the outputs, and who listens to the commands."""
         if self._button is not None:
             self._button_watch.counted(self.count_publishers(self._button_topic))
-        self._device_words.forget_old(now)
-        self._unpublished = []
-        for topic, (kind, name, watch) in self._watches.items():
-            publishers = self.count_publishers(topic)
-            watch.counted(publishers)
-            self._look_at(topic, now)
-            if not publishers and (kind != 'drive' or name):  # see DriveInput
-                self._unpublished.append(topic)
-        for publisher in (self._estop.publisher, self._enable.publisher, self._command):
-            self._look_at_own(publisher)
-        self._unheard = unheard(self._words.topic, self._listeners())
+        self._inputs.look_around(now)
+        self._outputs.look_around()
+        self._unheard = unheard(self._words.topic, listeners_of(self, self._command.topic_name))
         self._hold(now)
 
-    def _listeners(self) -> list[str]:
-        """Return the names of other nodes that listen to the commands."""
-        infos = self.get_subscriptions_info_by_topic(self._command.topic_name)
-        nodes = ((info.node_namespace, owner_of(info.node_name)) for info in infos)
-        own = self.get_namespace(), self.get_name()
-        return [name for space, name in nodes if (space, name) != own]
-
-    def _look_at_own(self, publisher: Any) -> None:
-        """Listen to an output of ours for as long as somebody else may publish there, too."""
-        topic = publisher.topic_name
-        publishers = self.count_publishers(topic)
-        alone = publishers < 2
-        if alone and topic in self._own_watches:
-            self.lane.unsubscribe(self._own_watches.pop(topic)[0])
-        elif not alone and topic not in self._own_watches:
-            watch = PublisherWatch()
-            watch.counted(publishers)
-
-            def on_message(message: Any, info: Any) -> None:
-                del message
-                now = clock.now()
-                watch.heard(info['publication_sequence_number'], now)
-                if watch.doubled(now) and self._last_state is not State.STOPPED:
-                    self._hold(now)
-                    self._decide(now)
-
-            subscription = self.lane.subscribe(publisher.msg_type, topic, on_message, DEMAND_QOS)
-            self._own_watches[topic] = subscription, watch
+    def _hear_other(self, now: float) -> None:
+        if self._last_state is not State.STOPPED:
+            self._hold(now)
+            self._decide(now)
 
     def _hold(self, now: float) -> None:
         """Be STOPPED while inactive, and while somebody else says what drives obey."""
-        doubled = [topic for topic, (_, watch) in self._own_watches.items() if watch.doubled(now)]
-        reason = f'stop the other publisher of {", ".join(doubled)}: a second mux?'
+        doubled = self._outputs.doubled(now)
+        reason = f'stop the other publisher of {doubled}: a second mux?'
         self._arbiter.hold(_INACTIVE if not self.active else reason if doubled else None)
 
-    def _look_at(self, topic: str, now: float) -> None:
-        kind, name, watch = self._watches[topic]
-        doubled = f'two live publishers on {topic}: stop one of them'
-        self._arbiter.set_invalid(
-            kind, name, f'publishers of {topic}', doubled if watch.doubled(now) else None
-        )
-        if kind in ('e-stop source', 'drive'):
-            fault = self.unheard_publisher(topic)
-            self._arbiter.set_invalid(kind, name, f'QoS of {topic}', fault)
+    # What is asked, on the lane.
 
-    # What is asked; in the executor's thread.
-
-    def _look(self) -> None:
-        self._freeze.look(clock.now())
-
-    def _on_reset(self, request: Any, response: Any) -> Any:
-        del request
-        return self._answer(response, 'reset', self._reset, late=partial(self._reset, late=True))
-
-    def _on_trip(self, request: Any, response: Any) -> Any:
-        del request
-        return self._answer(response, 'trip', self._trip, late=self._trip)
-
-    def _on_end_trip(self, request: Any, response: Any) -> Any:
-        del request
-        return self._answer(response, 'end_trip', self._end_trip)
-
-    def _on_select_autonomy(self, request: Any, response: Any) -> Any:
-        select = partial(self._select_autonomy, request.data)
-        late = None if request.data else select
-        return self._answer(response, 'select_autonomy', select, late=late)
-
-    def _answer(
-        self,
-        response: Any,
-        service: str,
-        ask: Callable[[], Reply],
-        *,
-        late: Callable[[], Reply] | None = None,
-    ) -> Any:
-        """
-        Do what is asked for.
-
-        :param late: what to do where that may have waited, as who asked may have gone away since;
-            ``ask`` itself if it is a stop.
-        """
-        to_do = late if self._freeze.settling(clock.now()) else ask
-        try:
-            if to_do is None:
-                response.message = FROZEN
-            else:
-                response.success, response.message = self.lane.call(to_do)
-        except TimeoutError as error:
-            response.message = str(error)
-            if late is not None:
-                self.lane.post(late)
-            if late == ask:
-                response.message = f'it stops as soon as it goes on: {error}'
-        self.get_logger().info(f'~/{service}: {response.message}')
-        return response
-
-    # The same on the lane.
-
-    def _reset(self, *, late: bool = False) -> Reply:
+    def _reset(self, late: bool = False) -> Reply:
         now = clock.now()
         reply = self._arbiter.reset(now, FROZEN if late else '')
         self._refused_reset = None if reply.ok else (now, reply.message)
         return reply
 
     def _trip(self) -> Reply:
-        now = clock.now()
-        reply = self._arbiter.trip(now)
-        self._tick(now)
-        return reply
+        return self._done(self._arbiter.trip)
 
     def _end_trip(self) -> Reply:
-        now = clock.now()
-        reply = self._arbiter.end_trip(now)
-        self._tick(now)
-        return reply
+        return self._done(self._arbiter.end_trip)
 
     def _select_autonomy(self, select: bool) -> Reply:
+        return self._done(partial(self._arbiter.select_autonomy, select))
+
+    def _done(self, ask: Callable[[float], Reply]) -> Reply:
         now = clock.now()
-        reply = self._arbiter.select_autonomy(select, now)
+        reply = ask(now)
         self._tick(now)
         return reply
 
@@ -460,7 +315,9 @@ class SafetyMux(ManagedNode):
         if decision.state is not self._last_state:
             self._last_state = decision.state
             if decision.state is State.ACTIVE:
-                self._device_words.forget('drive')  # it was not asked to enable when it said that
+                self._inputs.device_words.forget(
+                    'drive'
+                )  # it was not asked to enable when it said that
             self.get_logger().info(
                 f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
             )
@@ -498,7 +355,7 @@ class SafetyMux(ManagedNode):
     def _status_message(self, now: float) -> Any:
         around = Surroundings(
             unheard=self._unheard,
-            unpublished=self._unpublished,
+            unpublished=self._inputs.unpublished,
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},

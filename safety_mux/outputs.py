@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain, islice
 import math
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState, Joy
@@ -50,55 +50,51 @@ class Repeated:
             self._due = now + self._period
 
 
-class JointCommand:
+class Command(NamedTuple):
     """
-    The demand as a JointState. One message serves for all, as publishing copies it.
+    How a demand becomes a message.
 
-    :param joints: their names. :param field: of the message, velocity or effort.
-    """
-
-    topic = '~/command'
-
-    def __init__(self, joints: Sequence[str], field: str) -> None:
-        self._message = JointState(name=joints)
-        self._field = field
-
-    def message(self, demand: Demand, stamp: Any) -> JointState:
-        """Return the message of one decision."""
-        self._message.header.stamp = stamp
-        setattr(self._message, self._field, array('d', demand))
-        return self._message
-
-
-class TwistCommand:
-    """
-    The demand of two joints, m/s forward and rad/s to the left, as a Twist or TwistStamped.
-
-    :param frame_id: of a TwistStamped; None: a Twist.
+    :param topic: of it. :param type: of it. :param message: makes it of a demand and a stamp; one
+        message serves for all, as publishing copies it.
     """
 
-    topic = '~/cmd_vel'
-
-    def __init__(self, frame_id: str | None) -> None:
-        self._twist = Twist()
-        self._stamped = None if frame_id is None else TwistStamped(twist=self._twist)
-        if self._stamped is not None:
-            self._stamped.header.frame_id = frame_id
-
-    def message(self, demand: Demand, stamp: Any) -> Twist | TwistStamped:
-        """Return the message of one decision."""
-        self._twist.linear.x, self._twist.angular.z = demand
-        if self._stamped is None:
-            return self._twist
-        self._stamped.header.stamp = stamp
-        return self._stamped
+    topic: str
+    type: Any
+    message: Callable[[Demand, Any], Any]
 
 
-def command_of(values: Mapping[str, Any]) -> JointCommand | TwistCommand:
-    """Return what makes messages of demands, by the mux's parameters."""
+def command_of(values: Mapping[str, Any]) -> Command:
+    """
+    Return the mux's command, by its parameters.
+
+    That of joints is a JointState of velocities or efforts; else it is a Twist or TwistStamped
+    of two joints, m/s forward and rad/s to the left.
+    """
     if values['output'] == 'joints':
-        return JointCommand(values['joints'], values['interface'])
-    return TwistCommand(values['frame_id'] if values['output'] == 'twist_stamped' else None)
+        joints, field = JointState(name=values['joints']), values['interface']
+
+        def of_joints(demand: Demand, stamp: Any) -> JointState:
+            joints.header.stamp = stamp
+            setattr(joints, field, array('d', demand))
+            return joints
+
+        return Command('~/command', JointState, of_joints)
+    twist = Twist()
+    stamped = TwistStamped(twist=twist)
+    stamped.header.frame_id = values['frame_id']
+
+    def of_twist(demand: Demand, stamp: Any) -> Twist:
+        twist.linear.x, twist.angular.z = demand
+        return twist
+
+    def of_stamped(demand: Demand, stamp: Any) -> TwistStamped:
+        of_twist(demand, stamp)
+        stamped.header.stamp = stamp
+        return stamped
+
+    if values['output'] == 'twist':
+        return Command('~/cmd_vel', Twist, of_twist)
+    return Command('~/cmd_vel', TwistStamped, of_stamped)
 
 
 class GatedJoy:

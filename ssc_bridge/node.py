@@ -12,8 +12,9 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, String, UInt16MultiArray
 
+from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, COMMAND_QOS, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
 from bridge_core.session import Level
@@ -167,7 +168,7 @@ class SscBridge(BridgeNode[Event]):
 
     def _part(self, part: str) -> tuple[str, str]:
         """Return name and hardware_id of a DiagnosticStatus."""
-        return f'{self.get_fully_qualified_name().lstrip("/")}: {part}', self.hardware_id
+        return f'{self.full_name}: {part}', self.hardware_id
 
     def _log_configuration(self, event: ConfigurationRead) -> None:
         read = event.configuration

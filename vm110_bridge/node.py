@@ -7,16 +7,17 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import KeyValue
 from sensor_msgs.msg import BatteryState, Joy
 from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
+from bridge_core.input_guard import STOP_QOS
 from bridge_core.managed_node import latched_qos
-from bridge_core.node import BridgeNode, STOP_QOS
+from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
-from bridge_core.report import Report, Status, summarise
+from bridge_core.report import Status, summarise
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.watchdog import FROZEN
@@ -44,10 +45,11 @@ class Vm110Bridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    TELLS_DEVICE = True
 
     def __init__(self, **options: Any) -> None:
         self._hold_heard = False  # ever, and so it has to be repeated for as long as this node is
-        self._device_state = _UNKNOWN
+        self._state = _UNKNOWN
         self._delivered: deque[tuple[Command, float]] = deque(maxlen=_COMMAND_DEPTH)
         super().__init__('vm110_bridge', **options)
 
@@ -57,7 +59,6 @@ class Vm110Bridge(BridgeNode[Event]):
         self._armed = self.create_publisher(Bool, '~/armed', latched_qos())
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         self._battery = self.create_publisher(BatteryState, '~/battery', latched_qos())
-        self._device = self.create_publisher(DiagnosticStatus, '~/device', latched_qos())
         self._encoder = self.create_publisher(Int32, '~/encoder', latched_qos())
         self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
         self._result = self.create_publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
@@ -91,7 +92,7 @@ class Vm110Bridge(BridgeNode[Event]):
         """
         del values
         return {
-            HOLD_HEARD: self._hold_heard or bool(self._unheard),
+            HOLD_HEARD: self._hold_heard or self.stop_unheard,
             DELIVERED: tuple(self._delivered),
         }
 
@@ -109,8 +110,8 @@ class Vm110Bridge(BridgeNode[Event]):
         elif isinstance(event, RemoteState):
             self._publish_battery(event)
         elif isinstance(event, DeviceState):
-            self._device_state = event
-            self._publish_device()
+            self._state = event
+            self.publish_device()
         elif isinstance(event, EncoderTurned):
             self._encoder.publish(convert.encoder(event.position))
         elif isinstance(event, Command):
@@ -139,16 +140,11 @@ class Vm110Bridge(BridgeNode[Event]):
         docked = remote is not None and remote.docked
         self._battery.publish(convert.battery_state(percent, *self.header(), docked=docked))
 
-    def on_report(self, report: Report, now: float) -> None:
-        """Publish diagnostics, and the device's state again."""
-        super().on_report(report, now)
-        self._publish_device()
-
-    def _publish_device(self) -> None:
-        state = self._device_state
+    def device_state(self) -> Any:
+        """Return what the BU says of itself and of its remotes."""
+        state = self._state
         status = Status(*summarise(state.problems, state.good), state.values)
-        name = self.get_fully_qualified_name().lstrip('/')
-        self._device.publish(to_msg(status, name, self.hardware_id))
+        return to_msg(status, self.full_name, self.hardware_id)
 
     def _publish_command(self, command: Command) -> None:
         """Publish a command, and report whether that counts."""

@@ -75,7 +75,7 @@ class Drive:
         self._settings = settings
         self._heard = Watchdog(settings.command_timeout)
         self._estop_in = Watchdog(settings.estop_in_timeout)
-        self._said = Watchdog(JOYSTICK_TIMEOUT)  # by a frame that went out
+        self.said = Watchdog(JOYSTICK_TIMEOUT)  # by a frame that went out
         self._limited = Watchdog(settings.estop_in_timeout)
         self._directions: Permission | None = None  # permitted at most; None: nobody ever said
         self._refusal = ''
@@ -101,7 +101,7 @@ class Drive:
         self._pacer.stop()
         self._extended_pacer.stop()
         self._permissive_pacer.stop()
-        self._said.reset()
+        self.said.reset()
         self._revoke = None
 
     def forget(self) -> None:
@@ -159,7 +159,7 @@ class Drive:
     @property
     def deadlines(self) -> tuple[float, ...]:
         """When inputs, or what the unit holds, go stale, even if that is past."""
-        watched = (self._heard, self._estop_in, self._said, self._limited)
+        watched = (self._heard, self._estop_in, self.said, self._limited)
         return tuple(each.deadline for each in watched)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
@@ -263,7 +263,7 @@ class Drive:
     def stick_sent(self, now: float) -> bool:
         """Note that PGN 64982 went out; tell whether it begins to press the pause switch."""
         self._pacer.sent(now)
-        self._said.feed(now)
+        self.said.feed(now)
         begins = self._presses(now) and not self._pressing
         self._pressing = self._presses(now)
         if begins:
@@ -301,7 +301,7 @@ class Drive:
             return [f'command refused: {self._refusal}']
         if self._heard.expired(now):
             return [f'command is stale: {self._heard.describe(now)}']
-        if self.moving and self._said.expired(now):
+        if self.moving and self.said.expired(now):
             return ['the bus took no frame for 200 ms, so the unit forgot what was held']
         return []
 

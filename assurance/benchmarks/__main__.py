@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 import datetime
-import importlib
 from importlib import metadata
 import os
 from pathlib import Path
@@ -22,46 +21,53 @@ import platform
 import sys
 import time
 
-from assurance.benchmarks import reaction, results
+from assurance.benchmarks import (
+    bench_beside,
+    bench_can,
+    bench_codecs,
+    bench_demo,
+    bench_esi,
+    bench_garbage,
+    bench_memory,
+    bench_mux,
+    bench_neighbours,
+    bench_python,
+    bench_start,
+    reaction,
+    results,
+)
 from assurance.benchmarks.rig import Figures, UnavailableError, use_own_domain
 
 Measure = Callable[[bool], dict[str, Figures]]
 
 
-def pure(module: str) -> Measure:
+def pure(measured: Callable[[], dict[str, float]]) -> Measure:
     """Return a measurement without ROS or ports, with the interpreter's own beside it."""
 
     def measure(quick: bool) -> dict[str, Figures]:
         del quick
-        found: dict[str, float] = {}
-        for name in ('bench_python', module):
-            found |= importlib.import_module(f'benchmarks.{name}').measure()
+        found = bench_python.measure() | measured()
         return {name: {'best': seconds} for name, seconds in found.items()}
 
     return measure
 
 
-def processes(module: str) -> Measure:
-    """Return the measurement of a module; imported when it is needed."""
-    return lambda quick: importlib.import_module(f'benchmarks.{module}').measure(quick)
-
-
 QUICK: dict[str, Measure] = {
-    'codecs': pure('bench_codecs'),
-    'mux': pure('bench_mux'),
+    'codecs': pure(bench_codecs.measure),
+    'mux': pure(bench_mux.measure),
     'reaction': reaction.measure,
-    'esi': processes('bench_esi'),
-    'start': processes('bench_start'),
-    'memory': processes('bench_memory'),
+    'esi': bench_esi.measure,
+    'start': bench_start.measure,
+    'memory': bench_memory.measure,
 }
 USUAL = QUICK | {
     'load': reaction.measure_load,
-    'garbage': processes('bench_garbage'),
-    'beside': processes('bench_beside'),
-    'can': processes('bench_can'),
-    'neighbours': processes('bench_neighbours'),
+    'garbage': bench_garbage.measure,
+    'beside': bench_beside.measure,
+    'can': bench_can.measure,
+    'neighbours': bench_neighbours.measure,
 }
-GROUPS = USUAL | {'demo': processes('bench_demo')}
+GROUPS = USUAL | {'demo': bench_demo.measure}
 
 
 def machine() -> dict[str, str]:
@@ -122,7 +128,8 @@ def main() -> None:
     for text in worse:
         print(f'worse: {text}')
     if not given.check:
-        kept = before['rows'] if given.groups else []
+        # What failed keeps its rows.
+        kept = before['rows'] if given.groups or failed else []
         results.write(machine(), results.merged(kept, now))
     raise SystemExit(1 if worse or failed else 0)
 

@@ -76,14 +76,7 @@ class World(AkronWorld):
         self.is_ours = self.lied = False
         self.pressed_at = -math.inf  # for the oscillation that it tells of
         super().__init__(reads, **said)
-
-    def step(self, event: str) -> None:
-        """Take a step, with a frame in its midst: a unit forgets who is silent for 0.2 s."""
-        if event not in ('stall', 'freeze'):
-            self.now += self.STEP / 2
-            self.keep(self.session.poll(self.now))
-            self.now -= self.STEP / 2
-        super().step(event)
+        self.session.drive.said.timeout = HOLD  # steps are longer than what a unit remembers
 
     def key(self) -> tuple[Any, ...]:
         """Name the state, without a run that is over."""

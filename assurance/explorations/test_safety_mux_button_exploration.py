@@ -210,7 +210,7 @@ class World(Remembered):
 
 
 APART = (
-    *('memory', 'naming', 'of_arbiter', 'now', 'words', 'events', 'config', '_transition'),
+    *('memory', 'naming', 'of_arbiter', 'now', 'words', 'events', 'config', 'transition'),
     *('reset', '_refused_reset'),
 )
 SAID_AGAIN = ('heard_at', 'free_at', 'pressed_at', 'source_at')

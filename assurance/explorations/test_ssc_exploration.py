@@ -42,7 +42,7 @@ TILT = Servo(
 )
 POSITIONS = {'up': 1.0, 'down': -1.0}
 APART = (  # see Memory
-    'mismatches', 'unchecked', 'limited', 'refused_commands', 'looped_back', '_echo',
+    'mismatches', 'unchecked', 'limited', 'refused_commands', 'looped_back', 'echo',
     '_poller', '_aux_inputs', '_aux_outputs', '_channels', '_offered', '_settled_at',
 )  # fmt: skip
 

@@ -139,7 +139,7 @@ def _explained() -> Any:
     words.listen('operator', 'fort', '/fort_vsc_bridge/joy')
     node: Any = SimpleNamespace(
         lane=SimpleNamespace(post=lambda function, *arguments: function(*arguments)),
-        _device_words=words,
+        _inputs=SimpleNamespace(device_words=words),
         _words_posted=False,
         _unheard='',
         _arbiter=bench.arbiter,

@@ -28,7 +28,8 @@ from ssc_bridge.session.events import (
     Sticks,
 )
 from ssc_bridge.session.outputs import OutputState, RELEASE_FRAMES
-from ssc_bridge.session.session import LOCKOUT, Session
+from ssc_bridge.session.polling import LOCKOUT
+from ssc_bridge.session.session import Session
 from ssc_bridge.session.settings import Settings
 from ssc_bridge.session.sticks import neutral
 

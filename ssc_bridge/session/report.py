@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from bridge_core.session import Level
-from ssc_bridge.protocol import CommandState, Configuration, Selection, Source, Status
-from ssc_bridge.session.settings import Settings
+from ssc_bridge.protocol import Source
+
+if TYPE_CHECKING:
+    from ssc_bridge.session.session import Session
 
 UNKNOWN = 'unknown'
 NO_INPUTS = (
@@ -20,62 +21,85 @@ NO_INPUTS = (
 ECHO = 'is RX wired to TX, or echo on? Our own frames come back'
 
 
-def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
-    """Name the controls without a believable pulse."""
-    if not faulty:
+def problems(session: Session, now: float) -> list[tuple[Level, str]]:
+    """Return controls that are not believed, what does not come, and warnings."""
+    texts = [*_missing(session, now), *warnings(session)]
+    if session.sticks_missing(now):
+        texts.append(NO_INPUTS)
+    if not session.echo.expired(now):
+        texts.append(ECHO)
+    problems = [(Level.WARN, text) for text in texts]
+    if session.sticks.faulty:
+        faulty = f'no believable pulse: {", ".join(session.sticks.faulty)}'
+        text = f'{faulty}; check the receiver, its cables and the calibration'
+        problems.insert(0, (Level.ERROR, text))
+    return problems
+
+
+def _missing(session: Session, now: float) -> list[str]:
+    """Say which input holds outputs at their failsafe by its silence."""
+    if not session.is_commanded or session.verdict.estop:
         return []
-    text = f'no believable pulse: {", ".join(faulty)}; check the receiver, its cables and the'
-    return [(Level.ERROR, f'{text} calibration')]
+    if session.gate.stop.expired(now):
+        return [f'{session.HELD}: {text}' for text in session.gate.forbidden(now)]
+    names = session.outputs.without_command()
+    if not names or session.gate.forbidden(now):
+        return []
+    text = f'no fresh command for {", ".join(names)}; start the node that commands them'
+    return [f'{session.HELD}: {text}']
 
 
-def no_command(names: Sequence[str], held: str) -> list[str]:
-    """Say that outputs have no fresh command."""
-    return [f'{held}: no fresh command for {", ".join(names)}; start the node that commands them']
-
-
-def setup_warnings(settings: Settings, configuration: Configuration) -> list[str]:
-    """Say what does not fit the device as it is set up."""
+def warnings(session: Session) -> list[str]:
+    """Say what does not fit the device as it is set up, and which commands have no effect."""
+    known = session.configuration
+    if known is None:
+        return []
     missing = [
-        f'servo {servo.name}: there is no output {servo.channel}, only {configuration.outputs}; '
+        f'servo {servo.name}: there is no output {servo.channel}, only {known.outputs}; '
         f'check servo.{servo.name}.channel'
-        for servo in settings.servos
-        if servo.channel > configuration.outputs
+        for servo in session.settings.servos
+        if servo.channel > known.outputs
     ]
-    return [*settings.line_warnings(configuration), *missing]
-
-
-def without_effect(
-    commanded: Mapping[int, str], selections: Sequence[Selection], texts: Sequence[str]
-) -> list[str]:
-    """
-    Name the outputs that are commanded while the switch does not give them to SERIAL.
-
-    :param commanded: number to name. :param texts: of the selections.
-    """
-    return [
+    commanded, sources = session.outputs.commanded(), session.selections
+    in_vain = [
         f'{commanded[number]}: output {number} is on {text}, not on SERIAL, so that commands '
         'have no effect; see the switch table for the present command state'
-        for number, (selection, text) in enumerate(zip(selections, texts, strict=True), 1)
-        if number in commanded and selection.source != Source.SERIAL
+        for number, text in enumerate(session.source_texts(), 1)
+        if number in commanded and sources[number - 1].source != Source.SERIAL
     ]
+    return [*session.settings.line_warnings(known), *missing, *in_vain]
 
 
-def state_text(state: CommandState | None) -> str:
-    """Return a state of the command channel in words."""
-    return UNKNOWN if state is None else state.text
-
-
-def setup_values(configuration: Configuration | None, status: Status | None) -> dict[str, Any]:
-    """Return how the device is set up."""
-    if configuration is None:
-        return {'configuration': 'not read yet'}
-    menus = UNKNOWN
-    if status is not None:
-        menus = 'available' if status.config_available else 'locked out'
+def values(session: Session, now: float) -> dict[str, Any]:
+    """Return command state, sources, how the device is set up, and counters."""
+    state, commanded = session.command_state, session.outputs.commanded().values()
+    obeyed = 'they are' if session.is_commanded else 'there are none'
+    sources = enumerate(session.source_texts(), 1)
     return {
-        'configuration ID': configuration.config_id,
-        'pulse inputs': configuration.inputs,
-        'pulse outputs': configuration.outputs,
+        'command state': UNKNOWN if state is None else state.text,
+        'faulty controls': ', '.join(session.sticks.faulty) or 'none',
+        'outputs commanded': ', '.join(commanded) or 'none',
+        'commands not obeyed because': '; '.join(session.inhibits(now)) or obeyed,
+        'limited commands': session.outputs.limited,
+        'refused commands': session.refused_commands,
+        'own frames that came back': session.looped_back,
+        'messages before the configuration': session.unchecked,
+        'messages against the configuration': session.mismatches,
+        **_setup(session),
+        **{f'source of output {number}': text for number, text in sources},
+    }
+
+
+def _setup(session: Session) -> dict[str, Any]:
+    known, menus = session.configuration, UNKNOWN
+    if known is None:
+        return {'configuration': 'not read yet'}
+    if session.status is not None:
+        menus = 'available' if session.status.config_available else 'locked out'
+    return {
+        'configuration ID': known.config_id,
+        'pulse inputs': known.inputs,
+        'pulse outputs': known.outputs,
         'configuration menus': menus,
-        **{f'aux {number}': each.text for number, each in enumerate(configuration.aux, 1)},
+        **{f'aux {number}': each.text for number, each in enumerate(known.aux, 1)},
     }

@@ -6,20 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 import math
 from typing import Any
 
 from bridge_core.gate import Gate, Policy
-from bridge_core.session import (
-    Answer,
-    HeldButtons,
-    Level,
-    Pacer,
-    Session as BaseSession,
-    StickStream,
-    Verdict,
-)
+from bridge_core.session import Level, Session as BaseSession, Verdict
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import (
@@ -42,6 +33,7 @@ from ssc_bridge.protocol import (
     Source,
     Status,
 )
+from ssc_bridge.session import report
 from ssc_bridge.session.auxiliary import AuxInputTotals, AuxOutputCommands
 from ssc_bridge.session.events import (
     AuxReading,
@@ -55,29 +47,15 @@ from ssc_bridge.session.events import (
     SourcesChanged,
 )
 from ssc_bridge.session.outputs import Outputs, OutputState, RELEASE_FRAMES
-from ssc_bridge.session.polling import Poller
-from ssc_bridge.session.report import (
-    control_problems,
-    ECHO,
-    no_command,
-    NO_INPUTS,
-    setup_values,
-    setup_warnings,
-    state_text,
-    without_effect,
-)
+from ssc_bridge.session.polling import LockoutRequest, Poller
 from ssc_bridge.session.settings import Settings
-from ssc_bridge.session.sticks import buttons_of, neutral, sticks_of
+from ssc_bridge.session.sticks import PublishedSticks
 from ssc_bridge.session.stops import another, Checked, command_stop, contradiction, doubts
-
-LOCKOUT = 'lockout'  # the request's name in its Answer
 
 _CONFIGURATION_RATE = 4.0  # Hz, until the device answers
 _AT_START = (MessageType.STATUS, MessageType.CONFIGURATION)
 _MAX_POSITION = 1.05  # what rounding may add to 1; more is another unit
 _ECHO_MEMORY = 5.0  # s for which an echoed frame is a warning
-_LOCKOUT_PERIOD = 0.2  # s; one message may be lost
-_LOCKOUT_TIMEOUT = 1.0  # s
 _LOCKED = 'the configuration menus are locked out'
 _NOT_LOCKED = (
     'the SSC does not lock its configuration out: enable "On Rcv Msg 98" in its menu Config '
@@ -97,30 +75,26 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self.status: Status | None = None  # the newest, while the link is up
         self.configuration: Configuration | None = None  # of what is, or was last, on this port
         self.selections: tuple[Selection, ...] = ()  # sources of the outputs, while the link is up
-        self.faulty: tuple[str, ...] = ()  # controls without a believable pulse
         self.mismatches = 0  # messages that contradict the configuration
         self.unchecked = 0  # messages that came before the configuration was known
         self.refused_commands = 0
         self.looped_back = 0  # frames that only a host sends: the line echoes
-        self._echo = Watchdog(_ECHO_MEMORY)
+        self.echo = Watchdog(_ECHO_MEMORY)
         self.outputs = Outputs(settings)
         self._told: tuple[OutputState, ...] = ()  # of them, to the session after this one
-        self._commanded = bool(settings.servos)  # somebody is to command outputs, or did
+        self.is_commanded = bool(settings.servos)  # somebody is to command outputs, or did
         rates = dict(zip(REPEATED, settings.poll_rates, strict=True))
         self._poller = Poller({**rates, MessageType.CONFIGURATION: _CONFIGURATION_RATE})
-        self._inputs_heard = Watchdog(settings.link_timeout)
-        self._gate = Gate(Policy(stop=settings.command_timeout))  # to all that may be commanded
+        self.sticks = PublishedSticks(settings)
+        self.gate = Gate(Policy(stop=settings.command_timeout))  # to all that may be commanded
         self._confirmed = False  # the configuration was read, and nothing contradicted it since
         self._settled_at = math.inf  # long enough after it was for pulse inputs to have come
         self._contradictions: dict[MessageType, str] = {}  # of the newest message of each type
         self._published: CommandState | None = None
         self._published_sources: tuple[Selection, ...] = ()
-        self._stream = StickStream()
-        self._held = HeldButtons(settings.link_timeout)
         self._aux_inputs = AuxInputTotals()
         self._aux_outputs = AuxOutputCommands(keep=settings.keep_aux_outputs)
-        self._lockout = Pacer(_LOCKOUT_PERIOD)  # runs while one is asked for
-        self._lockout_until = math.inf
+        self._lockout = LockoutRequest()
 
     # What is known.
 
@@ -136,62 +110,20 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def inhibits(self, now: float) -> list[str]:
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
-        if not self._commanded:
-            return []
-        return self._gate.forbidden(now, self.stop_reasons(now))
-
-    def warnings(self) -> list[str]:
-        """Return what is not a stop but not right either, in words."""
-        if self.configuration is None:
-            return []
-        commanded, texts = self.outputs.commanded(), self.source_texts()
-        return [
-            *setup_warnings(self.settings, self.configuration),
-            *without_effect(commanded, self.selections, texts),
-        ]
+        return self.gate.forbidden(now, self.stop_reasons(now)) if self.is_commanded else []
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return stops, controls that are not believed, what does not come, and warnings."""
-        warnings = [*self._stale(now), *self.warnings()]
-        awaited = self._confirmed and (self.settings.axes or self.settings.buttons)
-        if awaited and now >= self._settled_at and self._inputs_heard.expired(now):
-            warnings.append(NO_INPUTS)
-        if not self._echo.expired(now):
-            warnings.append(ECHO)
-        return [
-            *super().problems(now),
-            *control_problems(self.faulty),
-            *((Level.WARN, text) for text in warnings),
-        ]
+        return [*super().problems(now), *report.problems(self, now)]
 
     def values(self, now: float) -> dict[str, Any]:
         """Return command state, sources, how the device is set up, and counters."""
-        return {
-            'command state': state_text(self.command_state),
-            'faulty controls': ', '.join(self.faulty) or 'none',
-            'outputs commanded': ', '.join(self.outputs.commanded().values()) or 'none',
-            'commands not obeyed because': '; '.join(self.inhibits(now))
-            or ('they are' if self._commanded else 'there are none'),
-            'limited commands': self.outputs.limited,
-            'refused commands': self.refused_commands,
-            'own frames that came back': self.looped_back,
-            'messages before the configuration': self.unchecked,
-            'messages against the configuration': self.mismatches,
-            **setup_values(self.configuration, self.status),
-            **{
-                f'source of output {number}': text
-                for number, text in enumerate(self.source_texts(), 1)
-            },
-        }
+        return report.values(self, now)
 
-    def _stale(self, now: float) -> list[str]:
-        """Say which input holds outputs at their failsafe by its silence."""
-        if not self._commanded or self.verdict.estop:
-            return []
-        if self._gate.stop.expired(now):
-            return [f'{self.HELD}: {text}' for text in self._gate.forbidden(now)]
-        names = self.outputs.without_command()
-        return no_command(names, self.HELD) if names and not self._gate.forbidden(now) else []
+    def sticks_missing(self, now: float) -> bool:
+        """Tell whether pulse inputs do not come, though there was time enough for them."""
+        awaited = self._confirmed and self.settings.has_controls
+        return awaited and now >= self._settled_at and self.sticks.heard.expired(now)
 
     def source_texts(self) -> list[str]:
         """Name the source of every output, as the switch has it now; empty if not known."""
@@ -202,7 +134,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def follow_on(self, states: Sequence[OutputState]) -> None:
         """Go on from what a session before this one has sent: it is in force until undone."""
-        self._commanded = True
+        self.is_commanded = True
         self.outputs.follow_on(states)
 
     def follow_on_aux(self, functions: tuple[AuxFunction, ...], numbers: Collection[int]) -> None:
@@ -218,8 +150,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         Only what was sent has to be undone; and it has to, although this port, or this session,
         is so new that the device has not told how many outputs it has.
         """
-        self._gate.shut(['the node leaves'])
-        self._stop(self._gate.watch(now), now)
+        self.gate.shut(['the node leaves'])
+        self._stop(self.gate.watch(now), now)
         if self._another:
             return
         for _ in range(RELEASE_FRAMES):  # one may be lost
@@ -235,7 +167,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         elif kind is AuxOutputs.TYPE:
             self._aux_outputs.note_sent(frame, now)
         elif kind is Lockout.TYPE:
-            self._lockout.sent(now)
+            self._lockout.pacer.sent(now)
         else:
             self._poller.note_sent(kind, now)
 
@@ -244,8 +176,8 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def _forget(self, now: float, reason: str) -> None:
         del reason  # of the verdict, which made _follow forget the device
-        self._inputs_heard.reset()
-        self._gate.forget()
+        self.sticks.heard.reset()
+        self.gate.forget()
         if self._open:  # the outputs go on to their failsafe
             self._poller.start(now)
         else:
@@ -258,7 +190,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Forget what only a device that answers vouches for, but not what is to be undone."""
         self.status = None
         self.selections = ()
-        self.faulty = ()
+        self.sticks.faulty = ()
         self._confirmed = False
         self._contradictions.clear()
         self._finish_lockout(False, reason)
@@ -272,7 +204,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._take_checked(message, now)
         else:
             self.looped_back += 1
-            self._echo.feed(now)
+            self.echo.feed(now)
 
     def _take_status(self, status: Status, now: float) -> None:
         self._poller.heard(MessageType.STATUS, now)
@@ -284,7 +216,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not status.config_available:
             self._finish_lockout(True, _LOCKED)
         elif is_first and self.settings.lockout_on_start:
-            self._start_lockout(now)
+            self._lockout.start(now)
 
     def _take_configuration(self, configuration: Configuration, now: float) -> None:
         self._poller.heard(MessageType.CONFIGURATION, now)
@@ -316,7 +248,10 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             return
         self._contradictions.pop(message.TYPE, None)
         if isinstance(message, PulseInputs):
-            self._take_inputs(message, now)
+            self.sticks.heard.feed(now)
+            self._emit(PulsesIn(message.us))
+            if self.settings.has_controls:
+                self._emit(self.sticks.hear(message.us, now, counts=not self.verdict.estop))
         elif isinstance(message, PulseOutputs):
             rows = enumerate(self.selections, 1)
             serial = {number for number, each in rows if each.source == Source.SERIAL}
@@ -327,23 +262,6 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._emit(AuxReading(self._aux_inputs.take(message)))
         else:
             self.selections = message.selections
-
-    def _take_inputs(self, message: PulseInputs, now: float) -> None:
-        self._inputs_heard.feed(now)
-        self._emit(PulsesIn(message.us))
-        if not (self.settings.axes or self.settings.buttons):
-            return
-        counts = self._counts()
-        sticks = sticks_of(message.us, self.settings) if counts else neutral(self.settings)
-        if sticks.faulty and not self.settings.tolerate_faulty_axes:
-            self._held.miss(now, stopped=False, buttons=buttons_of(message.us, self.settings))
-            sticks = neutral(self.settings, faulty=sticks.faulty, operational=True)
-        elif counts:
-            buttons = self._held.of(buttons_of(message.us, self.settings), now)
-            sticks = replace(sticks, buttons=buttons)
-        self.faulty = sticks.faulty
-        self._stream.published(counts=counts)
-        self._emit(sticks)
 
     def _judge(self, now: float) -> Verdict:
         """Return a stop for doubts and by the command channel; nothing sent comes back as one."""
@@ -381,30 +299,21 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if self.selections != self._published_sources:
             self._published_sources = self.selections
             self._emit(SourcesChanged(tuple(self.source_texts())))
-        if self.estop:
-            self._held.miss(now, stopped=True)
-        fresh = self.link_up and not self._inputs_heard.expired(now)
-        if self._stream.owes_neutral(fresh=fresh, counts=self._counts()):
-            self.faulty = ()
-            self._emit(neutral(self.settings))
-            if not self.estop:
-                self._held.miss(now, stopped=False)
-        self._stop(self._gate.watch(now, self.verdict.reasons), now)
+        if sticks := self.sticks.lapse(now, link_up=self.link_up, stopped=self.verdict.estop):
+            self._emit(sticks)
+        self._stop(self.gate.watch(now, self.verdict.reasons), now)
         self._begin_failsafe(self.outputs.expire(now), ['the command is stale'])
-        if now >= self._lockout_until:
+        if now >= self._lockout.deadline:
             self._finish_lockout(False, _NOT_LOCKED)
 
     def _expires_at(self) -> float:
-        moments = [super()._expires_at(), self._gate.deadline, self.outputs.expires_at()]
-        moments.append(self._lockout_until)
-        if self._stream.streaming:
-            moments.append(self._inputs_heard.deadline)
-        return min(moments)
+        moments = [super()._expires_at(), self.gate.deadline, self.outputs.expires_at()]
+        return min(*moments, self._lockout.deadline, self.sticks.deadline)
 
     def _sends_at(self) -> float:
         if self.outputs.sent != self._told:
             return -math.inf  # to tell
-        moments = [self._poller.deadline(self._wanted()), self._lockout.due]
+        moments = [self._poller.deadline(self._wanted()), self._lockout.pacer.due]
         if self.configuration is not None and not self._another:
             moments += [self.outputs.sends_at(), self._aux_outputs.deadline]
         return min(moments)
@@ -414,7 +323,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         frames: list[bytes] = []
         if self.configuration is not None and not self._another:
             frames += self.outputs.frames(now, self._count()) + self._aux_outputs.frames(now)
-        if self._lockout.is_due(now):
+        if self._lockout.pacer.is_due(now):
             frames.append(Lockout().to_bytes())
         return frames + self._poller.frames(now, self._wanted())
 
@@ -423,7 +332,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input; a true stops even if a false follows before the next poll."""
         self._expire(now)
-        self._gate.hear_stop(value, now)
+        self.gate.hear_stop(value, now)
         self._refresh(now)
 
     def set_pulses(self, us: Sequence[int], now: float) -> None:
@@ -454,7 +363,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def claim_outputs(self, now: float) -> None:
         """Bring all outputs to their failsafe: a session before this one may have driven them."""
-        self._commanded = True
+        self.is_commanded = True
         self.outputs.claim()
         self._refresh(now)
 
@@ -475,15 +384,15 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         self._expire(now)
         if not self._confirmed:
             raise ValueError('the SSC has not reported yet what its auxiliary channels are')
-        if not (self._gate.is_open or self.settings.keep_aux_outputs):
-            reasons = self._gate.forbidden(now, self.stop_reasons(now))
+        if not (self.gate.is_open or self.settings.keep_aux_outputs):
+            reasons = self.gate.forbidden(now, self.stop_reasons(now))
             raise ValueError(f'stopped: {"; ".join(reasons)}')
         self._aux_outputs.ask(requests)
 
     def lock_out(self, now: float) -> None:
         """Lock the configuration menus out; an Answer follows."""
         self._expire(now)
-        self._start_lockout(now)
+        self._lockout.start(now)
         if self.status is None:
             self._finish_lockout(False, '; '.join(self.stop_reasons(now)))
         elif not self.status.config_available:
@@ -503,31 +412,20 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Command outputs by number. :raises ValueError: none, or one that is not there."""
         if not us:
             raise ValueError('nothing is commanded')
-        self._commanded = True
+        self.is_commanded = True
         known = self.configuration
         most = MAX_OUTPUTS if known is None else known.outputs
         if max(us) > most:
             raise ValueError(f'output {max(us)}: there are {most}')
-        if self._gate.is_open:
+        if self.gate.is_open:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
 
-    def _start_lockout(self, now: float) -> None:
-        self._lockout.start(now)
-        self._lockout_until = now + _LOCKOUT_TIMEOUT
-
     def _finish_lockout(self, success: bool, text: str) -> None:
         """Answer a lockout that is asked for."""
-        if math.isfinite(self._lockout_until):
-            self._lockout.stop()
-            self._lockout_until = math.inf
-            self._emit(Answer(LOCKOUT, success, text))
+        self._events += self._lockout.finish(success, text)
 
     # Stops and frames.
-
-    def _counts(self) -> bool:
-        """Tell whether sticks count."""
-        return not self.verdict.estop
 
     def _stop(self, reasons: Sequence[str], now: float) -> None:
         """Have every output at its failsafe, if there are reasons; what was asked is forgotten."""

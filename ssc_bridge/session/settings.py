@@ -99,6 +99,11 @@ class Settings(CheckedSettings):
             )
 
     @property
+    def has_controls(self) -> bool:
+        """Pulse inputs are sticks or buttons."""
+        return bool(self.axes or self.buttons)
+
+    @property
     def stop_states(self) -> frozenset[CommandState]:
         """States of the command channel that are a stop."""
         return self.estop_states | ({CommandState.MS_1_5} if self.lost_link_is_stop else set())

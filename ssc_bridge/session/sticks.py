@@ -6,7 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+import math
 
+from bridge_core.session import HeldButtons, StickStream
+from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import AxisInput, ButtonInput
 from ssc_bridge.session.events import Sticks
 from ssc_bridge.session.settings import Settings
@@ -55,3 +59,44 @@ def _fault(us: Sequence[int | None], channel: int, settings: Settings) -> str:
         return f'invalid (pulse input {channel})'
     low, high = settings.plausible_us
     return '' if low <= pulse <= high else f'implausible (pulse input {channel}: {pulse} us)'
+
+
+class PublishedSticks:
+    """The sticks as they were published last, and whether they still hold."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.heard = Watchdog(settings.link_timeout)  # pulse inputs
+        self.faulty: tuple[str, ...] = ()  # controls without a believable pulse
+        self._settings = settings
+        self._stream = StickStream()
+        self._held = HeldButtons(settings.link_timeout)
+
+    def hear(self, us: Sequence[int | None], now: float, *, counts: bool) -> Sticks:
+        """Return what to publish of pulse inputs. :param counts: there is no stop."""
+        settings = self._settings
+        sticks = sticks_of(us, settings) if counts else neutral(settings)
+        if sticks.faulty and not settings.tolerate_faulty_axes:
+            self._held.miss(now, stopped=False, buttons=buttons_of(us, settings))
+            sticks = neutral(settings, faulty=sticks.faulty, operational=True)
+        elif counts:
+            sticks = replace(sticks, buttons=self._held.of(buttons_of(us, settings), now))
+        self.faulty = sticks.faulty
+        self._stream.published(counts=counts)
+        return sticks
+
+    def lapse(self, now: float, *, link_up: bool, stopped: bool) -> Sticks | None:
+        """Return what to publish, once, where the last sticks do not hold any more."""
+        if stopped:
+            self._held.miss(now, stopped=True)
+        fresh = link_up and not self.heard.expired(now)
+        if not self._stream.owes_neutral(fresh=fresh, counts=not stopped):
+            return None
+        self.faulty = ()
+        if not stopped:
+            self._held.miss(now, stopped=False)
+        return neutral(self._settings)
+
+    @property
+    def deadline(self) -> float:
+        """When sticks that were published become stale; infinite if none were."""
+        return self.heard.deadline if self._stream.streaming else math.inf

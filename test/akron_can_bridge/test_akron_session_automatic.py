@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Cause, Request
+from akron_can_bridge.session import Cause
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
@@ -173,16 +173,3 @@ def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float)
     bench.run(0.5, REST)
     assert permission(bench) == 'A10000'
     assert bench.session.withheld
-
-
-# -- requests -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.ENTER_SETUP])
-def test_request_that_needs_a_unit_at_rest_is_refused_while_it_turns(request_: Request) -> None:
-    bench = Turning().ready()
-    bench.turns = True
-    bench.run(0.5, REST)
-    with pytest.raises(ValueError, match='the unit moves; stop it first'):
-        bench.session.request(request_, bench.now)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)

@@ -75,25 +75,6 @@ def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
     assert bench.asked(start) == ['46']
 
 
-def test_what_is_handed_over_is_told_again_where_it_may_be_lost() -> None:
-    bench = Turning().ready()
-    bench.take(ef('46', destination=OURS))
-    bench.events.clear()
-    bench.session.interrupted('messages were lost', bench.now)
-    bench.poll()
-    assert of(Handover, bench.events)[-1].in_setup
-
-
-def test_unit_that_was_asked_for_setup_mode_may_be_in_it() -> None:
-    bench = Turning().ready()
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.run(SLOT, REST)
-    told = of(Handover, bench.events)[-1]
-    assert told.in_setup
-    bench = Turning().ready(told)
-    assert 'the unit is in setup mode' in bench.session.inhibits(bench.now)[0]
-
-
 def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -> None:
     bench = Turning(soe_permissive=True, device_pin=PIN)
     SessionBench.open(bench)
@@ -173,10 +154,11 @@ def test_session_asks_again_where_the_question_may_be_lost_and_moves_the_unit_th
 
 def test_session_that_was_told_asks_no_more_but_tells_again_what_may_be_lost() -> None:
     bench = Turning().ready()
+    bench.take(ef('46', destination=OURS))
     bench.events.clear()
     bench.session.interrupted('messages were lost', bench.now)
     told = bench.poll()
-    assert of(Handover, told)
+    assert of(Handover, told)[-1].in_setup
     told += bench.close()
     told += SessionBench.open(bench)
     assert wanted(bench, told) == 0

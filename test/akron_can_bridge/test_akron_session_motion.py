@@ -114,15 +114,6 @@ def test_motion_that_nobody_asked_for_is_a_stop_without_any_other() -> None:
     assert bench.session.causes(bench.now).keys() == {Cause.MOTION}
 
 
-def test_own_command_and_its_coasting_are_no_stop() -> None:
-    bench = Bench().move()
-    bench.run(3.0)
-    assert bench.reasons == []
-    bench.ours.command = REST
-    bench.run(2.0)
-    assert bench.reasons == []
-
-
 def test_motion_by_an_allowed_joystick_is_no_stop() -> None:
     stick = JoystickSimulator(0x33)
     bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
@@ -158,16 +149,6 @@ def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end
     assert 'nobody asks it to' in bench.reasons[0]
 
 
-def test_jump_of_the_position_is_no_motion() -> None:
-    bench = Bench()
-    for degrees in (20, 40, 60):
-        bench.unit.apply(f'position 1 {degrees}')
-        bench.run(0.7)
-        bench.session.request(Request.ZERO_POSITIONS, bench.now)
-        bench.run(0.7)
-        assert bench.reasons == []
-
-
 # -- SOE mode -------------------------------------------------------------------------------------
 
 
@@ -192,18 +173,6 @@ def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
 
 
 # -- requests -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.ENTER_SETUP])
-def test_request_is_refused_while_the_unit_oscillates_and_a_reset_is_not(
-    request_: Request,
-) -> None:
-    bench = start(Bench(**AUTOMATIC), OSCILLATE)
-    with pytest.raises(ValueError, match='the unit oscillates; stop it first'):
-        bench.session.request(request_, bench.now)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.run(0.1)
-    assert not bench.unit.motion.oscillating
 
 
 def test_setup_mode_keeps_the_frames_neutral_until_a_reset() -> None:

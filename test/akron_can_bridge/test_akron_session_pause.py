@@ -173,12 +173,6 @@ def test_oscillation_that_did_not_begin_with_our_command_is_not_ours(
     assert presses(bench) == []
 
 
-def test_hand_that_turns_the_unit_through_a_stop_has_nothing_pressed() -> None:
-    bench = oscillating()
-    by_a_hand_too(bench)
-    assert presses(bench, 5 * COAST) == []
-
-
 def test_stop_whose_first_type_81_says_no_oscillation_has_it_pressed_no_more() -> None:
     bench = oscillating()
     bench.says = [STANDS]
@@ -227,17 +221,6 @@ def test_stop_that_comes_again_at_once_does_not_press_it_again() -> None:
     start = bench.now + 0.1  # the press goes on for as long
     presses(bench)
     assert bench.all_neutral(start)
-
-
-@pytest.mark.parametrize('command', [WATER, MOVE])
-def test_press_that_a_command_interrupts_does_not_go_on_after_it(command: Any) -> None:
-    bench = oscillating()
-    assert presses(bench, 2 * SLOT)
-    bench.run(SLOT, REST)
-    bench.run(2 * SLOT, command)
-    start = bench.now + 1e-9
-    bench.run(0.3, REST)
-    assert PAUSE not in bench.joystick_frames(start)
 
 
 @cache

@@ -3,6 +3,7 @@
 
 """Polls and requests of the Akron session, until their answer or its timeout."""
 
+from collections.abc import Callable
 import math
 from typing import Any
 
@@ -19,21 +20,22 @@ from stage.akron_session_rig import (
     ef,
     faults,
     joystick,
+    LINK_LIMIT,
     MOVE,
     NAME,
     NO_FAULTS,
     of,
     OPERATIONAL_ERROR,
+    OSCILLATES,
     OURS,
     OUTPUTS,
     PIN,
     POSITION,
     REST,
+    Turning,
     UNIT,
     VERSIONS,
 )
-
-ERROR_NOT_AVAILABLE = ef('011D94037100004D')  # the manual's POSITION, but for its error
 
 
 def test_first_answer_that_is_overdue_is_the_next_to_give_up() -> None:
@@ -75,36 +77,29 @@ def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> N
     assert bench.asked(start) == []
 
 
-def answered(bench: Bench, seconds: float, *says: CanFrame) -> int:
-    """Have a unit that says this answer fault polls; return how many there were."""
+# What says that type 01 is not available, or does not come; and the manual's POSITION, but for
+# its error.
+UNTOLD: dict[str, tuple[dict[str, Any], tuple[CanFrame, ...]]] = {
+    'a 6052, that sends none': ({'device_type': 1052}, ()),
+    'a 6032 that ceased to send it': ({}, ()),
+    'one whose error is not available': ({}, (ef('011D94037100004D'),)),
+}
+
+
+@pytest.mark.parametrize('what', UNTOLD)
+def test_faults_that_type_01_does_not_tell_of_are_polled_every_second(what: str) -> None:
+    options, says = UNTOLD[what]
+    bench = Bench(**options)
+    bench.open()
+    announced = ef('FF83150726021A0B') if options else ANNOUNCED  # 1052 = 41C hex
+    bench.take(announced, OUTPUTS, NO_FAULTS)
     start = bench.now + 1e-9
-    for _ in range(round(seconds / 0.1)):
+    for _ in range(50):
         before = len(bench.asked())
         bench.wait(0.1)
         bench.take(OUTPUTS, *says, *[NO_FAULTS] * bench.asked()[before:].count('02'))
-    return bench.asked(start).count('02')
-
-
-def test_faults_of_a_unit_without_type_01_are_polled_every_second() -> None:
-    bench = Bench(device_type=1052)
-    bench.open()
-    bench.take(ef('FF83150726021A0B'), OUTPUTS, NO_FAULTS)  # digits 1-4: 1052 = 41C hex
-    assert answered(bench, 5.0) in (4, 5)
+    assert bench.asked(start).count('02') in (4, 5)
     assert not bench.session.estop
-    bench.take(faults(2))
-    assert 'motor axis 1 fault' in bench.session.stop_reasons(bench.now)[0]
-
-
-def test_faults_are_polled_again_once_type_01_ceases() -> None:
-    bench = Bench().find_unit()
-    bench.run(2.0)
-    assert answered(bench, 3.0) in (2, 3)
-
-
-def test_faults_are_polled_where_type_01_does_not_tell_of_errors() -> None:
-    bench = Bench().find_unit()
-    bench.take(NO_FAULTS)
-    assert answered(bench, 3.0, ERROR_NOT_AVAILABLE) in (2, 3)
     bench.take(faults(2))
     assert 'motor axis 1 fault' in bench.session.stop_reasons(bench.now)[0]
 
@@ -198,161 +193,85 @@ def test_acknowledgement_to_somebody_else_is_not_ours(request_: Request, data: s
     assert answer.text == f'the unit did not answer type {data} within 1 s'
 
 
-def test_reset_is_answered_by_the_announcement_after_it() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
-    start = bench.now
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.poll()
-    assert bench.asked(start) == ['45']
-    bench.run(2.0, unit=False)
-    assert bench.session.estop
-    (answer,) = of(Answer, bench.take(ANNOUNCED))
-    assert answer == Answer(Request.RESET_CONTROLLER.value, True, f'unit {PIN} is back')
+# -- whether the unit was reset -------------------------------------------------------------------
 
-
-def test_announcement_for_somebody_else_is_no_answer_to_a_reset() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.poll()
-    bench.run(0.2)
-    assert of(Answer, bench.take(ANNOUNCED)) == []
-    bench.run(0.6, unit=False)
-    (answer,) = of(Answer, bench.take(ANNOUNCED))
-    assert answer.success
-
-
-def test_fresh_claim_answers_a_reset_though_nobody_missed_the_unit() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.poll()
-    bench.run(0.2)
-    (answer,) = of(Answer, bench.take(NAME, ANNOUNCED))
-    assert answer.success
-
-
-NAME_REQUEST = CanFrame(0x18EAFF37, bytes.fromhex('00EE00'))
+NAME_REQUEST = bytes.fromhex('00EE00')
+SAID = {
+    'asked': CanFrame(0x18EAFF37, NAME_REQUEST),  # by somebody, for all NAMEs
+    'asked-unit': CanFrame(0x18EA8037, NAME_REQUEST),
+    'asked-other': CanFrame(0x18EA8137, NAME_REQUEST),
+    'asked-else': CanFrame(0x18EAFF37, bytes.fromhex('EBFE00')),
+    'asked-short': CanFrame(0x18EAFF37, bytes.fromhex('00EE')),
+    'claims': NAME,
+    'announces': ANNOUNCED,
+    'speaks': OUTPUTS,
+}
+ANSWER = 'asked claims announces '
+# What follows the request, and whether the unit was reset: seconds of its silence (-) and of what
+# it says at all times (+).
+RESETS = [
+    ('-2.0 announces', True),
+    ('+0.2 announces', False),  # to somebody else
+    ('+0.2 announces -0.6 announces', True),
+    ('+0.2 claims announces', True),
+    ('+0.2 asked claims announces', False),
+    ('+0.2 asked-unit claims announces', False),
+    ('+0.2 asked-other claims announces', True),
+    ('+0.2 asked-else claims announces', True),
+    ('+0.2 asked-short claims announces', True),
+    ('-0.49 asked speaks +0.3 ' + ANSWER, False),
+    ('-0.51 asked speaks +0.3 ' + ANSWER, True),
+    ('-0.5 asked -1.0 asked -1.0 asked speaks +0.3', False),  # it has still to announce itself
+    ('-0.5 asked -1.0 asked -1.0 asked speaks +0.3 ' + ANSWER, True),
+    (6 * (ANSWER + '+1.0 '), False),
+    ('claims +1.1 ' + ANSWER, False),  # it defended its address
+    ('claims +1.1 ' + ANSWER + '+1.1 announces', True),
+]
+# Of one at a fixed address, which need not announce itself.
+FIXED = [
+    ('+1.0', False),
+    ('-0.6 speaks', True),
+    ('+6.0 -0.6 speaks', False),  # too late
+    ('announces -0.6 speaks', False),
+    ('announces -0.6 speaks announces', True),
+]
 
 
 @pytest.mark.parametrize(
-    ('asked', 'restarted'),
+    ('options', 'story', 'left'),
     [
-        (NAME_REQUEST, False),
-        (CanFrame(0x18EA8037, NAME_REQUEST.data), False),
-        (CanFrame(0x18EA8137, NAME_REQUEST.data), True),  # of another device
-        (CanFrame(0x18EAFF37, bytes.fromhex('EBFE00')), True),  # for something else
-        (CanFrame(0x18EAFF37, bytes.fromhex('00EE')), True),
+        *(({}, *row) for row in RESETS),
+        *(({'unit_address': UNIT, 'device_type': 1032}, *row) for row in FIXED),
     ],
 )
-def test_claim_that_somebody_asked_for_is_no_reset(asked: CanFrame, restarted: bool) -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.poll()
-    bench.run(0.2)
-    answers = of(Answer, bench.take(asked, NAME, ANNOUNCED))
-    assert [answer.success for answer in answers] == [True] * restarted
-    bench.run(1.1, unit=False)
-    asked_by_us = bench.frames(0x18EAFF38, bench.now - 1.1)
-    assert asked_by_us == [] or restarted
-    bench.take(ANNOUNCED)
-    assert [answer.success for answer in of(Answer, bench.events)] == [True]
-    assert bench.session.counters.malformed == 0
-
-
-ASKED = (NAME_REQUEST, NAME, ANNOUNCED)  # and answered
-
-
-def in_setup(**options: Any) -> Bench:
-    """Return one whose unit is in setup mode, and is asked to be reset."""
+def test_reset_is_told_by_a_silence_or_a_claim_that_nobody_asked_for(
+    options: dict[str, Any], story: str, left: bool
+) -> None:
     bench = Bench(**options)
     bench.open()
-    bench.take(*[ANNOUNCED] * ('unit_address' not in options), OUTPUTS, NO_FAULTS)
+    bench.take(*[ANNOUNCED] * (not options), OUTPUTS, NO_FAULTS)
     bench.run(1.5, REST)
     bench.session.request(Request.ENTER_SETUP, bench.now)
     bench.take(ef('46', destination=OURS))
+    start = bench.now
     bench.session.request(Request.RESET_CONTROLLER, bench.now)
     bench.events.clear()
-    return bench
-
-
-def is_left(bench: Bench) -> bool:
-    """Tell whether the reset has ended setup mode; answer and frames say the same."""
-    succeeded = [answer.success for answer in of(Answer, bench.events)] == [True]
-    held = 'the unit is in setup mode'
-    assert succeeded is not any(why.startswith(held) for why in bench.session.inhibits(bench.now))
-    return succeeded
-
-
-@pytest.mark.parametrize(('silent', 'left'), [(0.49, False), (0.51, True), (2.5, True)])
-def test_silence_of_a_restart_counts_though_somebody_asks_for_names_each_second(
-    silent: float, left: bool
-) -> None:
-    bench = in_setup()
-    bench.wait(silent % 1.0)
-    for _ in range(int(silent)):
-        bench.take(NAME_REQUEST)
-        bench.wait(1.0)
-    bench.take(NAME_REQUEST, OUTPUTS)
-    assert not is_left(bench)  # it speaks already, and has not announced itself yet
-    bench.run(0.3)
-    bench.take(*ASKED)
-    assert is_left(bench) is left
-
-
-def test_unit_that_ignores_the_reset_does_not_count_while_somebody_asks_each_second() -> None:
-    bench = in_setup()
-    for _ in range(6):
-        bench.take(*ASKED)
-        bench.run(1.0)
-    assert not is_left(bench)
-
-
-def test_claim_that_defends_an_address_makes_no_reset_of_a_later_answer() -> None:
-    bench = in_setup()
-    bench.take(NAME)
-    bench.run(1.1)
-    bench.take(*ASKED)
-    assert not is_left(bench)
-    bench.run(1.1)
-    bench.take(ANNOUNCED)
-    assert is_left(bench)
-
-
-FIXED: dict[str, Any] = {'unit_address': UNIT, 'device_type': 1032}
-
-
-def test_unit_that_never_announces_itself_is_back_once_it_is_heard_after_a_silence() -> None:
-    bench = in_setup(**FIXED)
-    bench.run(1.0)
-    assert not is_left(bench)
-    bench.wait(0.6)
-    bench.take(OUTPUTS)
-    assert is_left(bench)
-    assert [answer.text for answer in of(Answer, bench.events)] == ['unit at 80 is back']
-    bench.take(NO_FAULTS)
-    bench.run(0.1, REST)
-    assert bench.session.inhibits(bench.now) == []
-
-
-def test_unit_that_never_announces_itself_and_ignores_the_reset_stays_in_setup_mode() -> None:
-    bench = in_setup(**FIXED)
-    bench.run(6.0)
-    bench.wait(0.6)  # too late
-    bench.take(OUTPUTS)
-    assert not is_left(bench)
-
-
-def test_unit_at_a_fixed_address_that_did_announce_itself_is_waited_for_to_do_so_again() -> None:
-    bench = in_setup(**FIXED)
-    bench.take(ANNOUNCED)
-    bench.wait(0.6)
-    bench.take(OUTPUTS)
-    assert not is_left(bench)
-    bench.take(ANNOUNCED)
-    assert is_left(bench)
+    for word in story.split():
+        if word[0] == '+':
+            bench.run(float(word))
+        elif word[0] == '-':
+            bench.wait(-float(word))
+        else:
+            bench.take(SAID[word])
+    name = 'at 80' if 'announces' not in story else PIN
+    back = Answer(Request.RESET_CONTROLLER.value, True, f'unit {name} is back')
+    assert [answer for answer in of(Answer, bench.events) if answer.success] == [back] * left
+    holds = [why for why in bench.session.inhibits(bench.now) if 'in setup mode' in why]
+    assert bool(holds) is not left
+    assert bench.asked(start).count('45') == 1
+    if not left and bench.now < start + 5.0:  # its own request would make the answer no sign
+        assert bench.frames(0x18EAFF38, start) == []
+    assert bench.session.counters.malformed == 0
 
 
 def test_reset_without_a_return_times_out() -> None:
@@ -364,57 +283,6 @@ def test_reset_without_a_return_times_out() -> None:
     ] == []
     (answer,) = of(Answer, bench.wait(0.2))
     assert 'within 5 s of its reset' in answer.text
-
-
-@pytest.mark.parametrize(
-    'request_', [Request.RESET_CONTROLLER, Request.ENTER_SETUP, Request.ZERO_POSITIONS]
-)
-def test_request_is_refused_while_motion_is_commanded(request_: Request) -> None:
-    bench = Bench().moving()
-    start = bench.now
-    with pytest.raises(ValueError, match='motion is commanded'):
-        bench.session.request(request_, bench.now)
-    bench.poll()
-    assert bench.asked(start) == []
-    bench.session.request(Request.POLL_FAULTS, bench.now)
-
-
-def test_request_is_refused_while_an_allowed_joystick_commands_motion() -> None:
-    bench = Bench(allowed_joysticks=frozenset({0x34})).find_unit()
-    for pushed in ('107D010000000000', '0100046400000000', 'FFFF010000000000'):  # x, y, broken
-        bench.take(joystick(pushed, 0x34))
-        with pytest.raises(ValueError, match='by joystick 34; let go of it'):
-            bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.wait(0.2)  # after which the unit has forgotten it
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-
-
-def test_joystick_at_rest_forbids_no_request() -> None:
-    bench = Bench(allowed_joysticks=frozenset({0x34})).find_unit()
-    bench.take(joystick('107D010000000000', 0x34))
-    bench.take(joystick(source=0x34))
-    bench.session.request(Request.ZERO_POSITIONS, bench.now)
-
-
-def test_no_motion_while_the_unit_is_being_reset() -> None:
-    bench = Bench().find_unit()
-    bench.run(0.1, REST)
-    start = bench.now
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.run(0.5, MOVE)
-    assert bench.all_neutral(start)
-    assert 'the unit is being reset' in bench.session.inhibits(bench.now)
-
-
-@pytest.mark.parametrize('request_', Request)
-def test_request_without_a_unit_is_refused(request_: Request) -> None:
-    bench = Bench()
-    bench.open()
-    with pytest.raises(ValueError, match='no unit was found'):
-        bench.session.request(request_, bench.now)
-    bench.close()
-    with pytest.raises(ValueError, match=r'.'):
-        bench.session.request(request_, bench.now)
 
 
 def test_closing_answers_what_is_open() -> None:
@@ -432,3 +300,76 @@ def test_vista_is_polled_at_its_rate_and_kept() -> None:
     off = Bench().find_unit()
     off.run(5.0)
     assert '21' not in off.asked()
+
+
+# -- what cannot be asked now ---------------------------------------------------------------------
+
+RESET, SETUP, ZERO = Request.RESET_CONTROLLER, Request.ENTER_SETUP, Request.ZERO_POSITIONS
+ALL = frozenset(Request)
+ALLOWED: dict[str, Any] = {'allowed_joysticks': frozenset({0x34})}
+X, Y, BROKEN = '107D010000000000', '0100046400000000', 'FFFF010000000000'
+
+
+def pushed(data: str) -> Callable[[Turning], Any]:
+    return lambda bench: bench.take(joystick(data, 0x34))
+
+
+def turning(*says: CanFrame) -> Callable[[Turning], Any]:
+    def turn(bench: Turning) -> None:
+        bench.turns, bench.says = True, list(says)
+        bench.run(0.5, REST)
+
+    return turn
+
+
+def silent(bench: Turning) -> None:
+    bench.now += LINK_LIMIT + 0.01  # nobody has looked since
+
+
+DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
+REFUSALS: list[tuple[Callable[[Turning], Any], frozenset[Request], str]] = [
+    (lambda bench: bench.run(0.1, MOVE), frozenset({RESET, SETUP, ZERO}), 'motion is commanded'),
+    *((pushed(data), frozenset({RESET, SETUP, ZERO}), 'stick 34;') for data in (X, Y, BROKEN)),
+    (turning(), frozenset({SETUP, ZERO}), 'the unit moves; stop it first'),
+    (turning(OSCILLATES), frozenset({SETUP, ZERO}), 'the unit oscillates; stop it first'),
+    (silent, ALL, 'silent'),
+    (lambda bench: bench.take(DISPLACED), ALL, 'no unit is heard at present'),
+    (lambda bench: bench.close(), ALL, 'no unit is heard at present'),
+    (lambda bench: [bench.take(joystick(X, 0x34)), bench.run(0.22, REST)], frozenset(), ''),
+    (lambda bench: bench.take(joystick(X, 0x34), joystick(source=0x34)), frozenset(), ''),
+]
+
+
+@pytest.mark.parametrize(('happens', 'refused', 'text'), REFUSALS)
+@pytest.mark.parametrize('request_', Request)
+def test_request_that_cannot_be_now_is_refused_in_words(
+    request_: Request, happens: Callable[[Turning], Any], refused: frozenset[Request], text: str
+) -> None:
+    bench = Turning(**ALLOWED).ready()
+    happens(bench)
+    start = bench.now
+    if request_ in refused:
+        with pytest.raises(ValueError, match=text):
+            bench.session.request(request_, bench.now)
+        bench.poll()
+        assert bench.asked(start) == []
+    else:
+        bench.session.request(request_, bench.now)
+
+
+@pytest.mark.parametrize('request_', Request)
+def test_unit_that_was_not_found_cannot_be_asked(request_: Request) -> None:
+    bench = Bench()
+    bench.open()
+    with pytest.raises(ValueError, match='no unit was found'):
+        bench.session.request(request_, bench.now)
+
+
+def test_no_motion_while_the_unit_is_being_reset() -> None:
+    bench = Bench().find_unit()
+    bench.run(0.1, REST)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(0.5, MOVE)
+    assert bench.all_neutral(start)
+    assert 'the unit is being reset' in bench.session.inhibits(bench.now)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +19,12 @@ from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
     ef,
+    faults,
     joystick,
     MOVE,
     NAME,
     name,
+    NO_FAULTS,
     of,
     OTHER_ANNOUNCED,
     OTHER_PIN,
@@ -68,10 +69,8 @@ WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
     'the unit is not calibrated': ([ef('011D940371000040')], {}),
     'the rotation position is in error': ([ef('011D9A0371000041')], {}),
     'the elevation position is in error': ([ef('011D94037A000041')], {}),
-    'faults: internal fuse blown; pCode error code 11 (rotation sensor error)': (
-        [ef('0200200000000B', destination=OURS)],
-        {},
-    ),
+    'faults: internal fuse blown; pCode error code 0': ([faults(1 << 21)], {}),
+    'faults: none; pCode error code 11 (rotation sensor error)': ([faults(0, 11)], {}),
 }
 
 
@@ -132,45 +131,6 @@ def test_stale_input_is_a_warning_and_a_command_that_is_held_none() -> None:
     assert bench.session.problems(bench.now) == [(Level.WARN, 'an input is stale')]
 
 
-def figures(prepare: Callable[[Bench], Any] = lambda bench: None, **options: Any) -> Any:
-    bench = Bench(**options).find_unit()
-    prepare(bench)
-    return bench.session.values(bench.now)
-
-
-def test_figures_of_a_unit_that_was_found() -> None:
-    found = figures(lambda bench: bench.take(*VERSIONS))
-    assert found['unit'] == PIN
-    assert found['type'] == '6032 Universal II'
-    assert (found['address'], found['source address']) == ('80', '38')
-    assert found['faults'] == 'faults: none; pCode error code 0 (none)'
-    assert found['versions'] == (
-        'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, pCode 2.4; '
-        'config type 60320014, config 2.4'
-    )
-    assert found['motion commanded'] is False
-
-
-def test_figures_before_anything_is_heard() -> None:
-    bench = Bench()
-    bench.open()
-    found = bench.session.values(bench.now)
-    assert (found['unit'], found['address'], found['versions']) == (
-        'not found yet',
-        'none',
-        'not known',
-    )
-
-
-def test_figures_of_neighbours() -> None:
-    found = figures(
-        lambda bench: bench.take(OTHER_ANNOUNCED, joystick(), joystick(source=0x35)),
-        allowed_joysticks=frozenset({0x35}),
-    )
-    assert found['other Akron Brass devices'] == f'{OTHER_PIN} at 81 (6032 Universal II)'
-    assert found['joysticks heard'] == '33 foreign, 35 allowed'
-
-
 def test_figures_of_motion() -> None:
     bench = Bench().moving()
     assert bench.session.values(bench.now)['motion commanded'] is True
@@ -183,55 +143,79 @@ def test_figures_of_motion() -> None:
     bench.command(REST)
 
 
-def test_vista_is_shown_raw() -> None:
-    # By hand: voltage 512, digital output 1 and digital input 1 on, X 100, Y 3, all else 0.
-    bits = 512 << 46 | 1 << 41 | 1 << 32 | 100 << 22 | 3 << 6
-    frames = (ef(f'21{bits:014X}', destination=OURS), ef('2212345678', destination=OURS))
-    found = figures(lambda bench: bench.take(*frames))
-    assert found['Vista: system voltage (raw)'] == 512
-    assert found['Vista: joystick X, Y (raw)'] == '100, 3'
-    assert found['Vista: on'] == 'digital output 1, digital input 1'
-    assert found['Vista: rotation, elevation (raw)'] == f'{0x1234}, {0x5678}'
+# By hand: voltage 512, digital output 1 and digital input 1 on, X 100, Y 3, all else 0.
+VISTA = ef(f'21{512 << 46 | 1 << 41 | 1 << 32 | 100 << 22 | 3 << 6:014X}', destination=OURS)
+TURNS = [ef(f'01{degrees}40371000041') for degrees in ('1D9', '1E3', '1ED')]  # 47.3, 48.3, 49.3
+FIGURES: list[tuple[dict[str, Any], list[CanFrame], dict[str, Any]]] = [
+    (
+        {},
+        [],
+        {
+            'unit': 'not found yet',
+            'address': 'none',
+            'source address': '38',
+            'versions': 'not known',
+            'faults': 'not known',
+        },
+    ),
+    (
+        {},
+        [ANNOUNCED, *VERSIONS, NO_FAULTS],
+        {
+            'unit': PIN,
+            'type': '6032 Universal II',
+            'address': '80',
+            'faults': 'faults: none; pCode error code 0 (none)',
+            'versions': 'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, '
+            'pCode 2.4; config type 60320014, config 2.4',
+            'motion commanded': False,
+            'motion reported': 'none',
+            'other Akron Brass devices': 'none',
+            'joysticks heard': 'none',
+        },
+    ),
+    (
+        {'allowed_joysticks': frozenset({0x35})},
+        [ANNOUNCED, OTHER_ANNOUNCED, joystick(), joystick(source=0x35)],
+        {
+            'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)',
+            'joysticks heard': '33 foreign, 35 allowed',
+        },
+    ),
+    (
+        {'device_pin': '1032AE100801037'},
+        [OTHER_ANNOUNCED],
+        {'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)'},
+    ),
+    ({}, [ANNOUNCED, *TURNS], {'motion reported': 'moves'}),
+    (
+        {},
+        [ANNOUNCED, VISTA, ef('2212345678', destination=OURS)],
+        {
+            'Vista: system voltage (raw)': 512,
+            'Vista: joystick X, Y (raw)': '100, 3',
+            'Vista: on': 'digital output 1, digital input 1',
+            'Vista: rotation, elevation (raw)': f'{0x1234}, {0x5678}',
+        },
+    ),
+    ({}, [ANNOUNCED, ef(f'21{"00" * 7}', destination=OURS)], {'Vista: on': 'none'}),
+    (
+        {},
+        [ANNOUNCED, ef('FE413F0D0A', destination=OURS), ef('FD01000000')],
+        {'ASCII pipe': repr('A?\r\n'), 'diagnostic data': 'type 01: 00 00 00'},
+    ),
+]
 
 
-def test_messages_for_the_makers_tools_are_shown_and_never_sent() -> None:
-    bench = Bench().find_unit()
-    start = bench.now
-    bench.take(ef('FE413F0D0A', destination=OURS), ef('FD01000000'))
-    found = bench.session.values(bench.now)
-    assert found['ASCII pipe'] == repr('A?\r\n')
-    assert found['diagnostic data'] == 'type 01: 00 00 00'
-    bench.run(1.0)
-    assert not [data for data in bench.asked(start) if data[:2] in ('FE', 'FD')]
-
-
-def test_fault_code_alone_is_a_fault_and_so_is_a_bit_alone() -> None:
-    (warning,) = told(ef('0200000000000B', destination=OURS))
-    assert warning.startswith('faults: none; pCode error code 11')
-    (warning,) = told(ef('02002000000000', destination=OURS))
-    assert warning.startswith('faults: internal fuse blown; pCode error code 0')
-
-
-def test_figures_tell_of_motion_that_the_unit_reports() -> None:
-    def turn(bench: Bench) -> None:
-        for degrees in ('1D9', '1E3', '1ED'):  # 47.3, 48.3, 49.3
-            bench.take(ef(f'01{degrees}40371000041'))
-            bench.wait(0.1)
-
-    assert figures(turn)['motion reported'] == 'moves'
-
-
-def test_figures_of_nothing_say_none() -> None:
-    found = figures()
-    for each in ('other Akron Brass devices', 'joysticks heard', 'motion reported'):
-        assert found[each] == 'none'
-    found = figures(lambda bench: bench.take(ef(f'21{"00" * 7}', destination=OURS)))
-    assert found['Vista: on'] == 'none'
-
-
-def test_devices_are_others_before_one_of_them_is_ours() -> None:
-    bench = Bench(device_pin='1032AE100801037')
+@pytest.mark.parametrize(('options', 'frames', 'expected'), FIGURES)
+def test_figures_by_name(
+    options: dict[str, Any], frames: list[CanFrame], expected: dict[str, Any]
+) -> None:
+    bench = Bench(**options)
     bench.open()
-    bench.take(OTHER_ANNOUNCED)
-    others = bench.session.values(bench.now)['other Akron Brass devices']
-    assert others == f'{OTHER_PIN} at 81 (6032 Universal II)'
+    for frame in frames:
+        bench.take(frame)
+        bench.wait(0.1)
+    found = bench.session.values(bench.now)
+    assert {name: found[name] for name in expected} == expected
+    assert not [data for data in bench.asked() if data[:2] in ('FE', 'FD')]

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from assurance import campaign
-from assurance.benchmarks import bench_codecs, results
+from assurance.benchmarks import __main__ as benchmarks, bench_codecs, results
 from assurance.benchmarks.rig import (
     build,
     family,
@@ -116,6 +116,11 @@ def test_process_that_runs_a_wire_is_known_by_its_name() -> None:
 
 
 # Rows.
+
+
+def test_each_group_measures_by_a_module_that_is_there() -> None:
+    modules = {path.stem for path in Path(benchmarks.__file__).parent.glob('bench_*.py')}
+    assert modules == {name for name in vars(benchmarks) if name.startswith('bench_')}
 
 
 def row_of(p50: float, bare: float, n: int = 200) -> results.Row:

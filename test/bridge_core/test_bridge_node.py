@@ -302,7 +302,7 @@ def test_stop_of_another_thread_stands_though_the_repeat_before_it_is_held_up(
             others[0].join(0.2)  # or it waits for us
         told.append(message.data)
 
-    monkeypatch.setattr(node, '_estop_publisher', SimpleNamespace(publish=publish))
+    monkeypatch.setattr(node._stops, '_estop', SimpleNamespace(publish=publish))
     node.pace(100.0)
     others[0].join(20.0)
     assert told == [False, True]

@@ -57,13 +57,15 @@ class Rig:
             gate.hear_stop(word == 'estop', self.now)
         elif word in ('enable', 'disable') and gate.enable is not None:
             vain = gate.hear_enable(word == 'enable', self.now, self.stops)
-            self.vain += [vain] * bool(vain)
+            self.vain += [vain] * (vain != ())
         elif word in ('command', 'neutral') and gate.command is not None:
-            gate.hear_command(self.now, self.stops, neutral=word == 'neutral')
+            neutral = word == 'neutral'
+            assert gate.hear_command(self.now, self.stops, neutral=neutral) is gate.is_open
         elif word == 'bad' and gate.command is not None:
             gate.reject_command('NaN', self.now)
         elif word == 'proceed':
-            gate.proceed(self.now)
+            waited = gate.state is State.WAITING
+            assert gate.proceed(self.now) is (waited and gate.is_open)
         elif word in ('fault', 'well'):
             self.stops = ['fault'] * (word == 'fault')
         elif word == 'forget':
@@ -83,7 +85,7 @@ class Rig:
 def opened(kind: str) -> Rig:
     rig = Rig(kind).say(*OPENS[kind])
     assert rig.gate.is_open
-    assert not rig.reasons
+    assert rig.reasons == []
     return rig
 
 
@@ -115,9 +117,11 @@ SHUT_BY = [  # kinds, what is heard once it is open, and why it shuts
     (('stop',), ['unseen 0.3', 'clear'], 'e-stop input is stale: last heard 300 ms ago, limit 3'),
     (WITH_COMMAND, ['0.2'], 'command is stale: last heard 200 ms ago, limit 200 ms'),
     (WITH_COMMAND, ['unseen 0.2', 'command'], 'command is stale: last heard 200 ms ago, limit 2'),
+    (WITH_COMMAND, ['unseen 0.2', 'bad'], 'command is stale: last heard 200 ms ago, limit 200 ms'),
     (WITH_COMMAND, ['bad'], 'command refused: NaN'),
     (WITH_COMMAND, ['unseen bad', 'command'], 'command refused: NaN'),
     (EDGES, ['0.15', 'command', '0.1'], 'enable is stale: last heard 250 ms ago, limit 250 ms'),
+    (EDGES, ['0.15', 'command', 'unseen 0.1', 'enable'], 'enable is stale: last heard 250 ms ago'),
     (EDGES, ['disable'], 'enable went false'),
     (EDGES, ['unseen disable', 'enable'], 'enable went false'),
 ]
@@ -133,6 +137,8 @@ def test_anything_missing_shuts_it_and_is_told_once(
     rig = opened(kind).say(*words)
     assert [each for told in rig.told for each in told if each.startswith(reason)]
     assert len(rig.told) == 1
+    command = rig.gate.command
+    assert command is None or 'bad' not in words or command.heard == (words[-1] == 'command')
     assert rig.gate.last_stop == rig.told[0]
     assert not rig.gate.is_open or (kind, words[-1]) == ('stop', 'clear')
     rig.watch()
@@ -151,6 +157,8 @@ def test_stop_that_ends_opens_nothing_and_says_what_does(
     assert rig.say(*OPENS[kind]).gate.is_open
 
 
+# What would open it, if it were not for the stop before it that no watch has told.
+UNSEEN_ANEW = ('unseen estop', 'unseen clear', 'unseen disable', 'unseen enable')
 NOT_OPENED_BY = [
     ('neutral', ['neutral', 'clear']),  # heard while the e-stop input forbids
     ('neutral', ['clear', 'fault', 'neutral', 'well']),
@@ -169,13 +177,19 @@ NOT_OPENED_BY = [
     ('edge', ['clear', 'disable', 'enable', 'bad', 'proceed']),
     ('edge', ['clear', 'command', 'disable', 'enable', 'neutral']),  # waits for proceed
     ('edge', ['clear', 'command', 'proceed']),
+    ('edge', ['clear', 'command', 'disable', 'disable']),
+    ('edge', ['clear', 'command', 'unseen fault', 'unseen disable', 'well', 'enable']),
+    ('edge', ['clear', 'command', 'disable', 'unseen fault', 'unseen enable', 'well', 'proceed']),
+    ('edge', ['clear', 'disable', 'enable', *UNSEEN_ANEW, 'command', 'proceed']),
 ]
 
 
 @pytest.mark.parametrize(('kind', 'words'), NOT_OPENED_BY)
 def test_it_stays_shut(kind: str, words: Sequence[str]) -> None:
-    rig = Rig(kind).say(*words)
-    assert not rig.gate.is_open
+    rig = Rig(kind).say(*words[:-1])
+    before = rig.gate.state
+    rig.say(f'unseen {words[-1]}')
+    assert rig.gate.state in (before, State.SHUT)
     rig.watch()
     assert not rig.gate.is_open
     assert rig.say(*OPENS[kind]).gate.is_open
@@ -210,7 +224,7 @@ def test_edge_says_what_it_waits_for() -> None:
 
 def test_disable_is_a_stop_and_the_first_half_of_an_edge() -> None:
     rig = opened('edge').say('disable')
-    assert not rig.gate.is_open
+    assert rig.reasons == ['enable is false', 'last stop: enable went false']
     assert rig.say('enable').gate.state is State.WAITING
 
 
@@ -219,6 +233,10 @@ VAIN = [
     (['enable'], ['e-stop input is stale: never heard, limit 300 ms']),
     (['clear', 'disable', 'fault', 'enable'], ['fault']),
     (['clear', 'disable', 'enable', 'enable'], []),
+    (
+        ['clear', 'enable', '0.25', 'clear', 'enable'],
+        2 * ['enable was not heard false before, after the last stop'],
+    ),
 ]
 
 
@@ -250,11 +268,33 @@ def test_deadline_is_the_first_moment_at_which_time_alone_changes_it(
     assert rig.gate.deadline == pytest.approx(start + late)
 
 
-def test_what_is_forgotten_was_never_heard() -> None:
-    for kind in POLICIES:
-        rig = opened(kind).say('unseen forget')
-        assert rig.gate.state is State.SHUT
-        assert rig.reasons == ['e-stop input is stale: never heard, limit 300 ms', *AT_START[kind]]
+@pytest.mark.parametrize('before', ['clear', 'unseen estop', 'bad', 'disable'])
+@pytest.mark.parametrize('kind', POLICIES)
+def test_what_is_forgotten_was_never_heard(kind: str, before: str) -> None:
+    rig = opened(kind)
+    rig.say(before, 'unseen forget')
+    assert (rig.gate.state, rig.gate.deadline) == (State.SHUT, math.inf)
+    start = ['e-stop input is stale: never heard, limit 300 ms', *AT_START[kind]]
+    assert [each for each in rig.reasons if not each.startswith('last stop')] == start
+    told = list(rig.told)
+    rig.watch()
+    assert rig.told == told
+
+
+@pytest.mark.parametrize('kind', POLICIES)
+def test_fresh_inputs_keep_it_open(kind: str) -> None:
+    rig = opened(kind)
+    for _ in range(20):
+        rig.say('unseen 0.05', 'clear', 'enable', 'command')
+        assert rig.gate.is_open
+    assert rig.told == []
+
+
+def test_gate_without_a_command_opens_by_itself_once_nothing_forbids() -> None:
+    rig = Rig('stop').say('unseen clear')
+    assert (rig.gate.state, rig.reasons) == (State.SHUT, [])
+    rig.watch()
+    assert rig.gate.is_open
 
 
 class Log:
@@ -318,8 +358,11 @@ def test_it_is_open_only_while_all_permits_and_by_what_came_after_the_last_stop(
 ) -> None:
     rig, log = Rig(kind), Log(kind)
     for word in (*OPENS[kind] * begun, *words):
-        rig.say(word)
+        log.note(word, rig.now + (float(word) if word[0].isdigit() else 0.0))
+        rig.hear(word)
+        if word not in ('fault', 'well') and not word[0].isdigit():  # those the watch has to see
+            assert not rig.gate.is_open or log.stage == 'open'
         rig.watch()
-        log.note(word, rig.now)
+        rig.watch()
         assert rig.gate.is_open == (log.stage == 'open')
         assert rig.gate.deadline > rig.now

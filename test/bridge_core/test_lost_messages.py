@@ -16,7 +16,7 @@ from std_msgs.msg import Bool
 
 from akron_can_bridge.node import AkronCanBridge
 from akron_can_bridge.session import Session as Akron
-from bridge_core.node import STOP_QOS
+from bridge_core.input_guard import STOP_QOS
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as Esi
 from fort_vsc_bridge.node import FortVscBridge
@@ -97,7 +97,7 @@ def test_publishers_that_are_never_heard_fill_no_log(
 
         monkeypatch.setattr(node, 'unheard_publisher', unheard)
         for _ in range(5):
-            node.lane.call(node._look_around, 0.0)
-        assert [site for site in node._logged_at if 'software_estop' in site] == [
+            node.lane.call(node._inputs._look_around, 0.0)
+        assert [site for site in node._deferred._logged_at if 'software_estop' in site] == [
             f'{node.get_fully_qualified_name()}/software_estop'
         ]

@@ -18,9 +18,6 @@ from esi_drive_bridge.protocol import (
     Status,
 )
 from esi_drive_bridge.session import report as esi
-from ssc_bridge.channels import Servo
-from ssc_bridge.protocol import CommandState, Configuration, DigitalInput, Status as SscStatus
-from ssc_bridge.session import report as ssc, Settings as SscSettings
 from stage.esi_drive_rig import axes
 from vm110_bridge.protocol import PeriodicInput
 from vm110_bridge.session import report as vm110
@@ -55,26 +52,6 @@ def test_node_that_was_silent_blames_itself_for_the_time_out() -> None:
         'axis A: RS422 timeout, as this node sent nothing for 150 ms: give the computer less '
         'work; call ~/clear_errors if it stays',
     ]
-
-
-def test_servo_at_the_last_output_is_there() -> None:
-    configuration = Configuration(0, 8, (DigitalInput(),) * 6)  # of 24 channels, 8 are inputs
-    for channel, count in ((16, 0), (17, 1)):
-        settings = SscSettings(servos=(Servo(name='pan', channel=channel),))
-        assert len(ssc.setup_warnings(settings, configuration)) == count
-
-
-@pytest.mark.parametrize(
-    ('status', 'menus'),
-    [
-        (None, 'unknown'),
-        (SscStatus(CommandState.MS_2, config_available=True), 'available'),
-        (SscStatus(CommandState.MS_2, config_available=False), 'locked out'),
-    ],
-)
-def test_menus_of_the_ssc_are_as_its_status_says(status: SscStatus | None, menus: str) -> None:
-    configuration = Configuration(7, 8, (DigitalInput(),) * 6)
-    assert ssc.setup_values(configuration, status)['configuration menus'] == menus
 
 
 @pytest.mark.parametrize(

@@ -6,22 +6,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 import struct
-import time
 from typing import Any
 
 import pytest
-from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
 from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Layout, Mode
 from esi_drive_bridge.session import AxesVerdict, EnabledChanged, EnableRefused, Phase, Stopped
 from stage.esi_drive_rig import axes, crc, fields, IDLE, make_settings, Rig, RUNNING, status
-from stage.rig import latched, Observer
-from stage.talkers import Talker
-from test.esi_drive_bridge.test_esi_drive_node import Bench, command, RPM
 from test.esi_drive_bridge.test_esi_drive_session import ask, interrupt, play, refuse, Step
 
 A, B = 'axis A', 'axis B'
@@ -216,39 +209,3 @@ def test_errors_of_one_axis_are_cleared_while_the_other_moves(rig: Apart, name: 
 def test_one_axis_cannot_be_apart() -> None:
     with pytest.raises(ValueError, match='axes_enable = each: two names are needed'):
         make_settings(axes=axes(Mode.VELOCITY)[:1], layout=Layout.PADDED, axes_enable='each')
-
-
-def test_node_on_a_port_stops_and_clears_one_axis_alone(
-    tmp_path: Path, observer: Observer
-) -> None:
-    bench = Bench(tmp_path, observer, axes_enable='each')
-    own = [Talker(observer, Bool, f'{bench.name}/axis_{axis}/enable') for axis in 'ab']
-    estops, enabled = (
-        [observer.record(Bool, f'{bench.name}/axis_{axis}/{what}', latched()) for axis in 'ab']
-        for what in ('estop', 'enabled')
-    )
-
-    def moves(*axes: bool) -> bool:
-        packet = bench.drive.packets(time.monotonic() - 0.1)[-1:]
-        return bool(packet) and [bool(flags & 1) for flags in packet[0].flags] == list(axes)
-
-    try:
-        bench.command.message = command(100 * RPM, 100 * RPM)
-        for talker in own:
-            talker.message = Bool(data=True)
-            talker.resume()
-        bench.quiet()
-        bench.enabling(until=lambda: moves(True, True))
-        bench.drive.apply('fault b brake on')
-        bench.wait(lambda: estops[1].last.data and bench.estop.last.data, 'a stop of B')
-        bench.wait(lambda: moves(True, False), 'axis A alone')
-        assert not estops[0].last.data or bench.delay.exceeds(0.1)
-        bench.wait(lambda: not enabled[1].last.data, 'B is not enabled')
-        assert not bench.enabled.last.data
-        bench.drive.apply('fault b brake off')
-        reply = observer.call(Trigger, f'{bench.name}/axis_b/clear_errors', tries=5)
-        assert reply.success
-        bench.wait(lambda: not bench.estop.last.data and not estops[1].last.data, 'no stop')
-        bench.enabling(until=lambda: moves(True, True))
-    finally:
-        bench.close()

@@ -11,7 +11,7 @@ import math
 import os
 from pathlib import Path
 import re
-from signal import SIGCONT, SIGSTOP
+from signal import SIGCONT, SIGKILL, SIGSTOP, SIGTERM
 import time
 from typing import Any
 
@@ -28,6 +28,7 @@ from stage.esi_drive_rig import status
 from stage.rig import latched, NodeProcess, Observer, ROOT
 from stage.run_delay import HELD_UP, RunDelay
 from stage.talkers import Diagnostics, namespace, Talker
+from stage.toy_rig import wires_of
 
 pytestmark = pytest.mark.waits(100)
 NAME = 'esi_drive_bridge'
@@ -708,5 +709,81 @@ def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Obse
         bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
         # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.
         bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
+    finally:
+        bench.close()
+
+
+# Axes apart, and positions.
+
+
+def test_node_on_a_port_stops_and_clears_one_axis_alone(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer, axes_enable='each')
+    own = [Talker(observer, Bool, f'{bench.name}/axis_{axis}/enable') for axis in 'ab']
+    estops, enabled = (
+        [observer.record(Bool, f'{bench.name}/axis_{axis}/{what}', latched()) for axis in 'ab']
+        for what in ('estop', 'enabled')
+    )
+
+    def moves(*axes: bool) -> bool:
+        packet = bench.drive.packets(time.monotonic() - 0.1)[-1:]
+        return bool(packet) and [bool(flags & 1) for flags in packet[0].flags] == list(axes)
+
+    try:
+        bench.command.message = command(100 * RPM, 100 * RPM)
+        for talker in own:
+            talker.message = Bool(data=True)
+            talker.resume()
+        bench.quiet()
+        bench.enabling(until=lambda: moves(True, True))
+        bench.drive.apply('fault b brake on')
+        bench.wait(lambda: estops[1].last.data and bench.estop.last.data, 'a stop of B')
+        bench.wait(lambda: moves(True, False), 'axis A alone')
+        assert not estops[0].last.data or bench.delay.exceeds(0.1)
+        bench.wait(lambda: not enabled[1].last.data, 'B is not enabled')
+        assert not bench.enabled.last.data
+        bench.drive.apply('fault b brake off')
+        reply = observer.call(Trigger, f'{bench.name}/axis_b/clear_errors', tries=5)
+        assert reply.success
+        bench.wait(lambda: not bench.estop.last.data and not estops[1].last.data, 'no stop')
+        bench.enabling(until=lambda: moves(True, True))
+    finally:
+        bench.close()
+
+
+GOAL = 3.0  # rad
+_PROCESS_ENDS: dict[str, Callable[[Bench], object]] = {
+    'e-stop': lambda bench: setattr(bench.estop_in, 'message', Bool(data=True)),
+    'wire killed': lambda bench: os.kill(wires_of(bench.node.process.pid)[0], SIGKILL),
+    'inactive': lambda bench: bench.observer.change_state(bench.name, 'deactivate'),
+    'ended': lambda bench: bench.node.end(SIGTERM),
+    'killed': lambda bench: bench.node.signal(SIGKILL),
+}
+
+
+@pytest.mark.parametrize('end', _PROCESS_ENDS)
+def test_drive_that_regulates_on_stays_where_it_was(
+    tmp_path: Path, observer: Observer, end: str
+) -> None:
+    drive: Any = Simulator(command_timeout=1.0, disable_delay=0.5)
+    bench = Bench(tmp_path, observer, drive, mode=['position'], slew_limit=[20.0])
+    bench.command.message = JointState(name=['left', 'right'], position=[GOAL, GOAL])
+    try:
+        bench.quiet()
+        bench.enabling(until=lambda: drive.describe()['position_rad'][0] > GOAL - 0.01)
+        there = pytest.approx(GOAL, abs=0.1)  # it may arrive still, as the last status did
+        moment = time.monotonic()
+        _PROCESS_ENDS[end](bench)
+        bench.wait(lambda: bench.drive.first_disable(moment), 'a disable packet')
+        places: Any = drive.describe
+        bench.wait(lambda: not bench.drive.enabled, 'a disabled drive')
+        assert places()['position_rad'] == [there, there]
+        count = GOAL / 0.000191753
+        disabling = [p for p in bench.drive.packets(moment) if not p.enables]
+        assert all(abs(value - count) < 500 for p in disabling for value in p.values)
+        bench.enable.message = Bool(data=False)
+        if end in ('e-stop', 'wire killed'):  # and on, while it is disabled
+            bench.holds(lambda: places()['position_rad'] == [there, there], 0.3)
     finally:
         bench.close()

@@ -9,7 +9,6 @@ import itertools
 import json
 import math
 import random
-import struct
 from typing import Any
 
 from hypothesis import given, settings, strategies as st
@@ -32,13 +31,12 @@ from fort_vsc_bridge.protocol.values import AutonomyMode, Axis, Button, Mode
 from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import (
     DeviceSettings,
-    ModeChanged,
     RemoteState,
     Session,
     Settings,
     Sticks,
 )
-from fort_vsc_bridge.simulator import build_frame, CanSimulator
+from fort_vsc_bridge.simulator import CanSimulator
 from stage.fort_vsc_rig import sticks
 from stage.rig import ROOT
 from stage.session_rig import SessionBench
@@ -246,17 +244,6 @@ def opened(wire: CanWire | None = None, **options: Any) -> Bench:
     return bench
 
 
-def test_stop_until_a_clean_heartbeat() -> None:
-    bench = opened()
-    bench.hear(*ALL_STICKS)
-    assert bench.session.estop
-    assert not bench.session.link_up
-    bench.hear(heartbeat())
-    assert not bench.session.estop
-    assert not bench.session.own_estop
-    assert bench.session.stop_reasons(bench.now) == []
-
-
 @pytest.mark.parametrize(('rate', 'stopped'), [(9.0, False), (11.0, False), (18.0, True)])
 def test_heartbeats_of_two_are_told_from_those_of_one_by_their_rate(
     rate: float, stopped: bool
@@ -281,46 +268,6 @@ def test_second_vsc_is_a_stop_until_three_seconds_after_it_was_heard() -> None:
     assert 3.0 <= bench.now - gone <= 4.0
 
 
-@pytest.mark.parametrize('mode', range(256))
-def test_every_mode_means_what_it_means_over_serial(mode: int) -> None:
-    bench, serial = opened(), SessionBench(Session(Settings()))
-    serial.open()
-    bench.hear(heartbeat(mode))
-    serial.take(build_frame(0x20, struct.pack('<BBI', mode, 0, 0)))
-    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
-    for name in ('estop', 'own_estop', 'mode', 'remote_connected', 'operational'):
-        assert getattr(bench.session, name) == getattr(serial.session, name)
-    assert bench.session.stop_reasons(bench.now) == serial.session.stop_reasons(serial.now)
-
-
-@pytest.mark.parametrize('bit', range(32))
-def test_any_estop_bit_is_a_stop(bit: int) -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    bench.hear(heartbeat(estop=1 << bit), *ALL_STICKS)
-    assert bench.session.estop
-    assert bench.session.own_estop  # nobody of us can have asked for it
-    assert not any(any(event.axes) for event in sticks(bench.events))
-
-
-def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
-    bench = opened()
-    bench.run(1.0, heartbeat(), *ALL_STICKS)
-    bench.hear(heartbeat(), *ALL_STICKS)
-    bench.wait(LIMIT - 1e-3)
-    assert not bench.session.estop
-    assert bench.wait(1e-3) == [
-        LOST,
-        ModeChanged(None),
-        NEUTRAL,
-    ]
-    assert bench.wait(5.0) == []
-    assert bench.session.stop_reasons(bench.now) == [
-        "check the VSC's power, the CAN wiring, the bit rate and can.heartbeat: no heartbeat from "
-        'the VSC, last heard 5250 ms ago, limit 250 ms'
-    ]
-
-
 def test_joystick_frames_alone_are_no_link() -> None:
     bench = opened()
     bench.hear(heartbeat())
@@ -328,27 +275,6 @@ def test_joystick_frames_alone_are_no_link() -> None:
     assert bench.session.estop
     assert 'compare can.heartbeat with the VSC' in bench.session.stop_reasons(bench.now)[0]
     assert sticks(events)[-1] == NEUTRAL
-
-
-def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    events = bench.hear(heartbeat(estop=SRC), heartbeat())
-    assert [event for event in events if isinstance(event, StopChanged)] == [
-        StopChanged(Verdict(True, True)),
-        StopChanged(Verdict()),
-    ]
-    assert not bench.session.estop
-
-
-def test_lost_bus_is_a_stop_and_forgets_heartbeat_and_sticks() -> None:
-    bench = opened()
-    bench.run(0.5, heartbeat(), *ALL_STICKS)
-    bench.close()
-    assert bench.session.estop
-    bench.open()
-    assert bench.session.estop
-    assert sticks(bench.hear(heartbeat(), LEFT)) == []  # the others' positions are not known
 
 
 # Sticks.
@@ -368,12 +294,6 @@ def test_four_frames_are_one_joystick_and_then_each_counts_at_once() -> None:
 def test_joystick_frames_come_in_any_order(order: tuple[CanFrame, ...]) -> None:
     bench = opened()
     assert sticks(bench.hear(heartbeat(), *order)) == [DEFLECTED]
-
-
-@pytest.mark.parametrize('mode', [Mode.LOCAL, Mode.REMOTE, Mode.MENU, Mode.PAUSE, 0x33])
-def test_sticks_count_in_operational_only(mode: int) -> None:
-    bench = opened()
-    assert set(sticks(bench.run(0.5, heartbeat(mode), *ALL_STICKS))) == {NEUTRAL}
 
 
 def test_joystick_frame_of_before_a_stop_does_not_count_after_it() -> None:

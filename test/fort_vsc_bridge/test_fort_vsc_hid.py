@@ -129,17 +129,6 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
     ]
 
 
-@pytest.mark.parametrize('mode', range(256))
-def test_only_modes_with_a_remote_are_clear_and_only_operational_moves(mode: int) -> None:
-    bench = opened(transition_time=0.0)
-    bench.hear(report('7F7F7F818181', 0x91, mode))
-    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
-    assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
-    assert bool(bench.session.stop_reasons(bench.now)) is bench.session.estop
-    (event,) = sticks(bench.events)
-    assert (event == NEUTRAL) is (mode != OPERATIONAL)
-
-
 @pytest.mark.parametrize('value', range(1, 256))
 def test_any_estop_value_above_zero_is_a_stop_of_nobody_knows_whom(value: int) -> None:
     bench = opened()
@@ -150,44 +139,6 @@ def test_any_estop_value_above_zero_is_a_stop_of_nobody_knows_whom(value: int) -
     (reason,) = bench.session.stop_reasons(bench.now)
     assert 'the remote, the wired input or a computer (USB HID does not tell which)' in reason
     assert bench.session.values(bench.now)['e-stop indication'] == 'actuated'
-
-
-def test_silence_is_a_stop_at_the_limit_and_one_neutral_event() -> None:
-    bench = opened()
-    bench.hear(ALL_OUT)
-    assert bench.wait(LIMIT - 1e-3) == []
-    assert bench.wait(1e-3) == [
-        LOST,
-        ModeChanged(None),
-        NEUTRAL,
-    ]
-    assert bench.wait(5.0) == []
-    assert bench.session.stop_reasons(bench.now) == [
-        "check the VSC's power and USB cable, and that port is its hidraw device: no report "
-        'from the VSC, last heard 5250 ms ago, limit 250 ms'
-    ]
-
-
-def test_stop_is_not_hidden_by_a_clear_report_in_the_same_read() -> None:
-    bench = opened()
-    bench.hear(ALL_OUT)
-    events = bench.hear(report(estop=1), ALL_OUT)
-    assert [event for event in events if isinstance(event, StopChanged)] == [
-        StopChanged(Verdict(True, True)),
-        StopChanged(Verdict()),
-    ]
-    assert sticks(events)[0] == NEUTRAL
-    assert not bench.session.estop
-
-
-def test_unplugged_remote_is_a_stop_and_is_forgotten() -> None:
-    bench = opened()
-    bench.hear(ALL_OUT)
-    bench.close()
-    assert bench.session.estop
-    assert bench.events[-1] == NEUTRAL
-    bench.open()
-    assert bench.session.estop
 
 
 @pytest.mark.parametrize(('index', 'name'), list(enumerate(AXIS_NAMES)))

@@ -3,7 +3,6 @@
 
 """The VSC's session: what stops, what counts as sticks, and what holds whatever comes."""
 
-from dataclasses import replace
 import itertools
 import math
 import random
@@ -11,9 +10,9 @@ import random
 from hypothesis import given, settings, strategies as st
 import pytest
 
-from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.session import Level
 from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.session import ModeChanged, Sticks
+from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import (
     Bench,
@@ -23,54 +22,12 @@ from stage.fort_vsc_rig import (
     gaps,
     heartbeat,
     LIMIT,
-    LOST,
     NEUTRAL,
     opened,
-    SRC,
     sticks,
 )
 
 # -- stop and link --------------------------------------------------------------------------------
-
-
-def test_stop_until_a_clean_heartbeat() -> None:
-    bench = Bench()
-    assert bench.session.estop
-    assert bench.session.stop_reasons(bench.now) == [
-        'plug the VSC in, and check port (can: channel): it is not open'
-    ]
-    bench.open()
-    assert bench.session.estop
-    assert bench.session.own_estop
-    bench.hear(DEFLECTED)
-    assert bench.session.estop
-    assert not bench.session.link_up
-    bench.hear(heartbeat())
-    assert not bench.session.estop
-    assert not bench.session.own_estop
-    assert bench.session.stop_reasons(bench.now) == []
-
-
-def test_silence_is_a_stop_at_the_limit() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    bench.wait(LIMIT - 1e-3)
-    assert not bench.session.estop
-    assert bench.wait(1e-3) == [LOST, ModeChanged(None)]
-    assert bench.session.stop_reasons(bench.now + 0.062) == [
-        'check power and serial cable of the VSC: no heartbeat from the VSC, last heard 312 ms '
-        'ago, limit 250 ms'
-    ]
-
-
-def test_joystick_messages_alone_are_no_link() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    bench.run(1.0, DEFLECTED)
-    assert bench.session.estop
-    assert 'enable its heartbeat message' in bench.session.stop_reasons(bench.now)[0]
-    bench.wait(LIMIT)
-    assert 'check power' in bench.session.stop_reasons(bench.now)[0]
 
 
 @pytest.mark.parametrize('last', [0.0, 0.001, 0.02, 0.04, 0.2])
@@ -177,59 +134,6 @@ def test_bytes_lost_now_and_then_do_not_name_the_baud_rate() -> None:
         assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
 
 
-@pytest.mark.parametrize('bit', range(32))
-def test_any_estop_bit_is_a_stop(bit: int) -> None:
-    bench = opened()
-    bench.hear(heartbeat(estop=1 << bit))
-    assert bench.session.estop
-    assert bench.session.own_estop
-    assert 'VSC reports e-stop' in bench.session.stop_reasons(bench.now)[0]
-
-
-def test_button_held_while_heartbeats_alone_come_counts_once_it_was_let_go_of() -> None:
-    bench = opened()
-    bench.run(0.5, heartbeat(), CENTRED)
-    (pressed,) = sticks(bench.hear(DEFLECTED))
-    assert any(pressed.buttons)
-    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
-    (back,) = sticks(bench.hear(DEFLECTED))
-    assert back == replace(pressed, buttons=NEUTRAL.buttons)
-    bench.hear(CENTRED)
-    assert sticks(bench.hear(DEFLECTED)) == [pressed]
-
-
-@pytest.mark.parametrize('mode', range(256))
-def test_only_modes_with_a_remote_are_clear(mode: int) -> None:
-    bench = opened(transition_time=0.0)
-    bench.hear(heartbeat(mode))
-    assert bench.session.estop is (mode not in (6, 9, 0xA, 0xB))
-    assert bench.session.own_estop is (mode not in (1, 4, 6, 9, 0xA, 0xB))
-    assert bool(bench.session.stop_reasons(bench.now)) is bench.session.estop
-
-
-def test_lost_port_is_a_stop_and_forgets_the_heartbeat() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    bench.close()
-    assert bench.session.estop
-    assert bench.session.deadline() == math.inf
-    bench.open()
-    assert bench.session.estop
-    bench.hear(heartbeat())
-    assert not bench.session.estop
-
-
-def test_stop_is_not_hidden_by_a_clear_heartbeat_in_the_same_read() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    events = bench.hear(heartbeat(estop=SRC), heartbeat())
-    assert [event for event in events if isinstance(event, StopChanged)] == [
-        StopChanged(Verdict(True, True)),
-        StopChanged(Verdict()),
-    ]
-    assert not bench.session.estop
-
-
 def test_frame_cut_short_by_a_lost_port_is_forgotten() -> None:
     bench = opened()
     bench.session.receive(heartbeat()[:8], bench.now)
@@ -250,181 +154,6 @@ def test_sticks_count_in_operational() -> None:
     assert event.buttons == (False, False, False, True, True, False, True, False)
     assert event.operational
     assert event.faulty == ()
-
-
-@pytest.mark.parametrize('mode', sorted(set(range(256)) - {Mode.OPERATIONAL}))
-def test_sticks_are_neutral_in_any_other_mode(mode: int) -> None:
-    bench = opened()
-    bench.hear(heartbeat(mode))
-    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
-
-
-@pytest.mark.parametrize('zeroed_before', [False, True])
-@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
-def test_button_held_through_another_mode_counts_once_it_was_let_go_of(
-    mode: int, zeroed_before: bool
-) -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    if zeroed_before:  # the sticks come more often than the mode
-        bench.hear(build_frame(0x10, bytes(14)))
-    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
-    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
-    assert held.axes == (1023, -296, 0, 0, 0, -1)
-    assert not any(held.buttons)
-    assert not any(sticks(bench.hear(CENTRED))[0].buttons)
-    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
-
-
-@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
-def test_button_held_since_before_a_session_that_begins_in_another_mode_counts_once_let_go_of(
-    mode: int,
-) -> None:
-    bench = opened()
-    bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
-    assert not any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons)
-    bench.hear(CENTRED)
-    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
-
-
-@pytest.mark.parametrize(
-    ('modes', 'held'), [([Mode.LOCAL], True), ([Mode.LOCAL, Mode.REMOTE], False)]
-)
-def test_button_held_through_a_stop_is_hidden_only_where_another_mode_follows(
-    modes: list[int], held: bool
-) -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    for mode in modes:
-        bench.run(1.0, heartbeat(mode), build_frame(0x10, bytes(14)))
-    assert any(sticks(bench.hear(heartbeat(), DEFLECTED))[0].buttons) == held
-
-
-def test_stop_without_a_joystick_message_shows_what_is_held_all_the_same() -> None:
-    """The pause before it hid the button; who holds it through the stop prevents the reset."""
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    bench.hear(heartbeat(Mode.PAUSE), CENTRED)
-    bench.hear(heartbeat(estop=SRC))
-    (event,) = sticks(bench.hear(heartbeat(), DEFLECTED))
-    assert any(event.buttons)
-
-
-@pytest.mark.parametrize('zeroed_before', [False, True])
-@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
-def test_button_held_through_silence_and_another_mode_counts_once_it_was_let_go_of(
-    mode: int, zeroed_before: bool
-) -> None:
-    """The silence is told late, and in the mode after it the mux may be reset."""
-    bench, zeros = opened(), build_frame(0x10, bytes(14))
-    bench.hear(heartbeat(), DEFLECTED)
-    bench.wait(0.01)
-    if zeroed_before:
-        bench.hear(zeros)
-    bench.wait(0.04)
-    bench.hear(heartbeat())
-    bench.wait(LIMIT)
-    assert bench.session.estop
-    bench.run(1.0, heartbeat(mode), zeros)
-    (held,) = sticks(bench.hear(heartbeat(), DEFLECTED))
-    assert not any(held.buttons)
-    bench.hear(CENTRED)
-    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
-
-
-@pytest.mark.parametrize(('seconds', 'held'), [(1.9 * LIMIT, True), (2.1 * LIMIT, False)])
-def test_button_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
-    seconds: float, held: bool
-) -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    for _ in range(3):
-        bench.hear(heartbeat(), CENTRED)
-        bench.wait(seconds / 3)
-    bench.hear(heartbeat(Mode.PAUSE), build_frame(0x10, bytes(14)))
-    (back,) = sticks(bench.hear(heartbeat(), DEFLECTED))
-    assert any(back.buttons) is not held
-
-
-@pytest.mark.parametrize('seconds', [0.02, 0.4])
-@pytest.mark.parametrize('mode', [Mode.OPERATIONAL, Mode.PAUSE])
-def test_button_held_through_zeros_in_operational_counts_once_it_was_let_go_of(
-    mode: int, seconds: float
-) -> None:
-    """Zeros are the VSC's: a stick at rest says Neutral (table 31), and lets go of the button."""
-    bench, zeros = opened(), build_frame(0x10, bytes(14))
-    bench.hear(heartbeat(), DEFLECTED)
-    if mode != Mode.OPERATIONAL:
-        bench.run(1.0, heartbeat(mode), zeros)
-    bench.run(seconds, heartbeat(), zeros)
-    (held,) = sticks(bench.hear(DEFLECTED))
-    assert not any(held.buttons)
-    bench.hear(CENTRED)
-    assert any(sticks(bench.hear(DEFLECTED))[0].buttons)
-
-
-def test_sticks_are_neutral_with_a_stop_in_operational() -> None:
-    bench = opened()
-    assert sticks(bench.hear(heartbeat(estop=1 << 31), DEFLECTED)) == [NEUTRAL]
-
-
-def test_stop_neutralises_at_once() -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    assert sticks(bench.hear(heartbeat(estop=SRC))) == [NEUTRAL]
-    assert sticks(bench.hear(heartbeat(estop=SRC))) == []
-
-
-def test_sticks_before_any_heartbeat_are_not_passed_on() -> None:
-    bench = opened()
-    assert bench.hear(DEFLECTED) == []
-
-
-def test_silent_joystick_gives_one_neutral_then_none() -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    assert sticks(bench.run(2.0, heartbeat())) == [NEUTRAL]
-    assert not bench.session.estop  # the e-stop chain itself is sound
-    assert sticks(bench.hear(DEFLECTED))[0].operational
-
-
-def test_neutral_comes_when_the_sticks_expire_not_with_our_next_heartbeat() -> None:
-    bench = opened(heartbeat_rate=4.0)
-    bench.wait(0.1)
-    bench.hear(heartbeat(), DEFLECTED)
-    bench.wait(0.2)
-    bench.hear(heartbeat())
-    assert sticks(bench.wait(0.049)) == []
-    assert sticks(bench.wait(0.002)) == [NEUTRAL]
-
-
-def test_lost_heartbeat_gives_one_neutral_then_none_until_both_are_fresh() -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    events = sticks(bench.run(2.0, DEFLECTED))
-    assert events[-1] == NEUTRAL
-    assert NEUTRAL not in events[:-1]
-    assert len(events) <= 14
-    assert sticks(bench.hear(heartbeat())) == []
-    assert sticks(bench.hear(DEFLECTED))[0].operational
-
-
-def test_unplugged_gives_one_neutral() -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    bench.close()
-    assert bench.events[-1] == NEUTRAL
-    bench.events.clear()
-    bench.open()
-    bench.wait(1.0)
-    assert bench.events == []
-
-
-def test_late_poll_does_not_pass_old_sticks_on() -> None:
-    bench = opened()
-    bench.hear(heartbeat(), DEFLECTED)
-    bench.now += 1.0  # no poll in between
-    assert sticks(bench.hear(DEFLECTED)) == [NEUTRAL]
 
 
 FAULTY = build_frame(0x10, bytes.fromhex('D0FF02000300010001004400 4031'.replace(' ', '')))

@@ -209,20 +209,3 @@ def test_broken_stick_is_named_and_stops_all_sticks(name: str) -> None:
     bench.run(0.2)
     assert not bench.session.faulty
     assert bench.joy.axes[1] == 1.0
-
-
-@pytest.mark.parametrize('name', ['serial', 'can', 'hid'])
-@pytest.mark.parametrize('pause', [0.0, 0.26, 5.0])
-def test_link_that_comes_back_is_a_stop_until_the_device_is_heard(name: str, pause: float) -> None:
-    bench = benches()[name]
-    bench.apply('mode operational', 'stick left_y 1')
-    bench.run(0.5)
-    assert not bench.session.estop
-    bench.close()
-    assert bench.session.estop
-    bench.now += pause
-    bench.open()
-    assert bench.session.estop
-    assert not any(bench.joy.axes)
-    bench.run(0.5)
-    assert not bench.session.estop

@@ -79,10 +79,11 @@ def interfaces(source: str) -> dict[str, set[str]]:
     """Return the names of topics and services that a node's source makes, by heading."""
     found: dict[str, set[str]] = {'topic': set(), 'service': set()}
     for call in ast.walk(ast.parse(source)):
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute):
-            kind = 'service' if call.func.attr == 'create_service' else 'topic'
-            if call.func.attr.startswith(('create_', 'publisher', 'watched_', 'subscribe')):
-                found[kind] |= {name for arg in call.args for name in literal_names(arg)}
+        if isinstance(call, ast.Call):
+            name = getattr(call.func, 'attr', getattr(call.func, 'id', ''))
+            kind = 'service' if name == 'create_service' else 'topic'
+            if name.startswith(('create_', 'publisher', 'watched_', 'subscribe', 'Command')):
+                found[kind] |= {each for arg in call.args for each in literal_names(arg)}
     return found
 
 
@@ -101,7 +102,8 @@ def node_class_of(node: reference.Node) -> Any:
 
 def node_interfaces(node: reference.Node) -> dict[str, set[str]]:
     folder = (node.package or node.name).replace('.', '/')
-    found = interfaces((ROOT / folder / 'node.py').read_text(encoding='utf-8'))
+    sources = [path.read_text(encoding='utf-8') for path in (ROOT / folder).glob('*.py')]
+    found = interfaces('\n'.join(each.replace('from __future__', '#') for each in sources))
     found['service'] |= {f'~/{name}' for name in getattr(node_class_of(node), 'SERVICES', ())}
     return found
 

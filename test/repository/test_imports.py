@@ -44,7 +44,7 @@ CORE = (
 LOGIC = (
     *('{bridge}.protocol', '{bridge}.parameters', 'OTHER'),
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
-    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939'),
+    *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939', 'bridge_core.gate'),
 )
 BRIDGE = {
     '__init__': ('{bridge}.protocol',),
@@ -77,6 +77,9 @@ BRIDGE = {
     'intake': ('{bridge}',),
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'bridge_core.session', 'MESSAGES'),
+    # What the mux's node is made of.
+    'listening': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    'services': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
@@ -93,9 +96,12 @@ BRIDGE = {
         *('bridge_core.transports', 'bridge_core.waiting', 'STDLIB'),
     ),
 }
+# A part of the common node.
+NODE_PART = ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB')
 # The same for bridge_core, which knows no device.
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
+    'gate': ('bridge_core.watchdog',),
     'supervisor': ('bridge_core.session',),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
@@ -115,7 +121,9 @@ SHARED = {
     'polled': ('bridge_core.lane', 'rclpy'),
     'realtime': ('STDLIB',),
     'convert': ('MESSAGES',),
+    **dict.fromkeys(('bridge_diagnostics', 'input_guard', 'stop_topics'), NODE_PART),
     'diagnostics': ('bridge_core.report', 'MESSAGES'),
+    'deferred': ('bridge_core.session',),
     'managed_node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'node': ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'remappings': ('bridge_core', 'rclpy', 'STDLIB'),

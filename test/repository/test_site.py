@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from rugged_teleop.reference import ROOT
+from test.repository.docs_rig import PAGES, text_of
 
 
 def test_every_page_is_in_the_navigation_once() -> None:
@@ -20,6 +21,20 @@ def test_every_page_is_in_the_navigation_once() -> None:
     groups = runpy.run_path(str(ROOT / 'docs' / 'conf.py'))['contents']()
     listed = Counter(name for group in groups.values() for name in group)
     assert listed == Counter(names - {'README'}), 'NAVIGATION of docs/conf.py'
+
+
+def anchors(text: str) -> set[str]:
+    """Return what links may name behind #: each heading as the site has it."""
+    headings = re.findall(r'^#+ (.+)$', text, re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', each.lower()).replace(' ', '-') for each in headings}
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_link_to_a_file_or_a_heading_leads_there(page: str) -> None:
+    for path, anchor in re.findall(r'\]\((?!\w+:)([^)#\s]*)#?([^)\s]*)\)', text_of(page)):
+        target = (ROOT / page).parent / path if path else ROOT / page
+        assert target.exists(), path
+        assert not anchor or anchor in anchors(target.read_text(encoding='utf-8')), (path, anchor)
 
 
 PICTURES = sorted((ROOT / 'docs' / 'images').glob('*.svg'))

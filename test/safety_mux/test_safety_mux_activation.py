@@ -241,10 +241,11 @@ def test_drive_that_was_never_heard_keeps_nothing_still(
 def test_two_publishers_outlast_other_parameters(
     mux: WatchedMux, monkeypatch: pytest.MonkeyPatch, parameters: dict[str, Any]
 ) -> None:
-    (topic,) = (name for name in mux.mux._watches if name.endswith('fort_vsc_bridge/estop'))
+    watches = mux.mux._inputs._watches
+    (topic,) = (name for name in watches if name.endswith('fort_vsc_bridge/estop'))
     monkeypatch.setattr(mux.mux, 'count_publishers', lambda name: 1 + (name == topic))
     for number in (100, 1, 101, 2):
-        mux.mux._watches[topic][2].heard(number, clock.now())
+        watches[topic][2].heard(number, clock.now())
     mux.mux._look_around(clock.now())
     mux.run(0.1)
     assert 'two live publishers' in mux.message()

@@ -27,11 +27,12 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge_core import clock, lane, node as bridge_node
+from bridge_core import clock, input_guard, lane
 from bridge_core.lane import _settle
 from bridge_core.watchdog import FreezeWatch
-from safety_mux import node
-from safety_mux.node import ESTOP_QOS, SafetyMux
+from safety_mux import services
+from safety_mux.listening import ESTOP_QOS
+from safety_mux.node import SafetyMux
 from safety_mux.outputs import Repeated
 from safety_mux.protocol import Decision, State
 from stage.endings import each_ending
@@ -810,7 +811,7 @@ def test_repeated_value_makes_up_for_nothing_after_a_pause() -> None:
 @pytest.fixture
 def own_mux(context: Any) -> Iterator[SafetyMux]:
     mux = SafetyMux(context=context, namespace=namespace())
-    mux._freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
+    mux.asked.freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
     mux.autostart()
     yield mux
     mux.destroy_node()
@@ -904,7 +905,7 @@ def hanging(mux: SafetyMux) -> Iterator[None]:
 
 def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> None:
     with hanging(own_mux):
-        for service in (own_mux._on_reset, own_mux._on_end_trip):
+        for service in (own_mux.asked.on_reset, own_mux.asked.on_end_trip):
             response = service(Trigger.Request(), Trigger.Response())
             assert not response.success
             assert 'nothing was done' in response.message
@@ -916,9 +917,9 @@ def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> Non
 
 def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(own_mux: SafetyMux) -> None:
     with hanging(own_mux):
-        trip = own_mux._on_trip(Trigger.Request(), Trigger.Response())
-        deselection = own_mux._on_select_autonomy(SetBool.Request(), SetBool.Response())
-        own_mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+        trip = own_mux.asked.on_trip(Trigger.Request(), Trigger.Response())
+        deselection = own_mux.asked.on_select_autonomy(SetBool.Request(), SetBool.Response())
+        own_mux.asked.on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
         for response in (trip, deselection):
             assert not response.success
             assert 'it stops as soon as it goes on: nothing was done' in response.message
@@ -936,7 +937,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
     own_mux: SafetyMux,
 ) -> None:
     with hanging(own_mux):
-        own_mux._on_trip(Trigger.Request(), Trigger.Response())
+        own_mux.asked.on_trip(Trigger.Request(), Trigger.Response())
         waits = len(own_mux.lane._calls)
         name = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
         level = DiagnosticStatus.ERROR
@@ -953,7 +954,7 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
 
 
 def reset_of(mux: SafetyMux) -> str:
-    return str(mux._on_reset(Trigger.Request(), Trigger.Response()).message)
+    return str(mux.asked.on_reset(Trigger.Request(), Trigger.Response()).message)
 
 
 def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
@@ -963,20 +964,20 @@ def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop
         context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
     )
     mux = stepped.mux
-    mux._look()
+    mux.asked.look()
     stepped.run(5.0)
     assert 'frozen' in reset_of(mux)
     stepped.run(0.24)
     assert 'frozen' in reset_of(mux)
-    assert 'frozen' in mux._on_end_trip(Trigger.Request(), Trigger.Response()).message
-    selection = mux._on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+    assert 'frozen' in mux.asked.on_end_trip(Trigger.Request(), Trigger.Response()).message
+    selection = mux.asked.on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
     assert 'frozen' in selection.message
     stepped.run(0.02)
     assert reset_of(mux).startswith('reset: READY')
-    mux._look()
+    mux.asked.look()
     stepped.run(5.0)
-    assert mux._on_select_autonomy(SetBool.Request(), SetBool.Response()).success
-    assert mux._on_trip(Trigger.Request(), Trigger.Response()).success
+    assert mux.asked.on_select_autonomy(SetBool.Request(), SetBool.Response()).success
+    assert mux.asked.on_trip(Trigger.Request(), Trigger.Response()).success
     assert stepped.run(0.02) is State.STOPPED
     mux.destroy_node()
 
@@ -990,7 +991,7 @@ def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services
 
     def go_on(seconds: float) -> None:
         for _ in range(round(seconds / 0.1)):
-            mux._look()
+            mux.asked.look()
             stepped.run(0.1)
 
     go_on(1.0)
@@ -1015,8 +1016,8 @@ def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
-    stepped.mux._look()
-    stepped.run(node._LOOK_PERIOD + bridge_node._FREEZE - TICK)
+    stepped.mux.asked.look()
+    stepped.run(services.LOOK_PERIOD + input_guard._FREEZE - TICK)
     assert reset_of(stepped.mux).startswith('reset: READY')
     stepped.mux.destroy_node()
 

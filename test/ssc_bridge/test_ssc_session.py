@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Answer, Level, StopChanged, Verdict
-from ssc_bridge.channels import AxisInput, ButtonInput
+from ssc_bridge.channels import AxisInput, ButtonInput, Servo
 from ssc_bridge.protocol import CommandState, MessageType
 from ssc_bridge.session import (
     CommandStateChanged,
@@ -25,6 +25,7 @@ from ssc_bridge.session import (
     Sticks,
 )
 from ssc_bridge.session.polling import Poller
+from ssc_bridge.session.report import warnings
 from ssc_bridge.session.sticks import sticks_of
 from stage.ssc_rig import (
     build_frame,
@@ -557,7 +558,7 @@ def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, pla
     assert (sticks.axes, sticks.buttons) == ((None, None), (0, 0))
     assert sticks.operational
     assert len(sticks.faulty) == 1
-    assert rig.session.faulty == sticks.faulty
+    assert rig.session.sticks.faulty == sticks.faulty
 
 
 @pytest.mark.parametrize('before', [1900, 1100])
@@ -928,7 +929,7 @@ def test_lockout_that_loses_the_device_says_how(lose: Callable[[Rig], None], tex
 
 
 def warnings_of(**changes: Any) -> list[str]:
-    return Rig(**changes).start().session.warnings()
+    return warnings(Rig(**changes).start().session)
 
 
 def test_rates_that_fit_the_line_are_no_warning() -> None:
@@ -1003,3 +1004,19 @@ def test_poll_of_a_closed_port_is_asked_for_no_more() -> None:
     poller.start(2.0)
     poller.heard(kind, 2.0)  # by itself
     assert poller.deadline((kind,)) > 2.0
+
+
+@pytest.mark.parametrize(('channel', 'count'), [(OUTPUTS, 0), (OUTPUTS + 1, 1)])
+def test_servo_at_the_last_output_is_there(channel: int, count: int) -> None:
+    rig = Rig(servos=(Servo(name='pan', channel=channel),)).start()
+    assert len(warnings(rig.session)) == count
+
+
+@pytest.mark.parametrize(('available', 'menus'), [(True, 'available'), (False, 'locked out')])
+def test_menus_are_as_the_status_says(available: bool, menus: str) -> None:
+    rig = Rig().start()
+    rig.available = available
+    rig.tick(20)
+    assert rig.session.values(rig.now)['configuration menus'] == menus
+    rig.session.interrupted('something was lost', rig.now)
+    assert rig.session.values(rig.now)['configuration menus'] == 'unknown'

@@ -17,6 +17,7 @@ from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe, Servo
 from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session, Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
+from ssc_bridge.session.report import warnings
 from stage.ssc_rig import build_frame, follow, GRIP, INPUTS, OUTPUTS, PAN, Rig, servos, TILT, words
 
 RELEASES = 50  # for a second, at the rate as delivered
@@ -209,7 +210,7 @@ def test_command_before_the_port_is_open_is_not_kept() -> None:
 
 def test_servo_on_an_output_that_the_device_does_not_have() -> None:
     rig = Rig(servos=(Servo(name='far', channel=17),)).start()
-    assert 'servo far: there is no output 17' in rig.session.warnings()[0]
+    assert 'servo far: there is no output 17' in warnings(rig.session)[0]
     with pytest.raises(ValueError, match='output 17'):
         rig.do(servos(far=0.0))
     assert all(len(us) == OUTPUTS for us in rig.pulses())
@@ -219,11 +220,11 @@ def test_output_that_is_not_on_serial_is_told_while_it_is_commanded() -> None:
     rig = servo_rig()
     rig.sources = [0x30, 3, 3, *[4] * 13]
     rig.tick(25, servos(pan=0.0, tilt=0.0))
-    (text,) = rig.session.warnings()
+    (text,) = warnings(rig.session)
     assert 'pan: output 1 is on PIN 4 (nibble 3), not on SERIAL' in text
     assert rig.session.source_texts()[:4] == ['PIN 4 (nibble 3)', 'SERIAL', 'SERIAL', 'LAST']
     rig.tick(30)
-    assert rig.session.warnings() == []
+    assert warnings(rig.session) == []
 
 
 # -- failsafe -------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from rugged_teleop.stack import main
 FOLDER = 'FAULTY_STACK_FOLDER'
 METHODS = {  # of these modules
     'Arbiter.tick': 'safety_mux.arbiter',
-    'BridgeNode._device_status': 'bridge_core.node',
+    'BridgeNode._diagnose': 'bridge_core.node',
     'EsiDriveBridge._on_command': 'esi_drive_bridge.node',
     'FortVscBridge.on_event': 'fort_vsc_bridge.node',
     'Intake._joy': 'safety_mux.intake',

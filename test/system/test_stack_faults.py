@@ -90,7 +90,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FaultyStack]:
 @pytest.mark.parametrize(
     'method',
     [
-        'BridgeNode._device_status',
+        'BridgeNode._diagnose',
         'EsiDriveBridge._on_command',
         'FortVscBridge.on_event',
         'Intake._joy',

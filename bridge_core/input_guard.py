@@ -1,0 +1,155 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The inputs of a node that one publisher alone may feed, such as those that the mux feeds.
+
+A stop on them always counts. Whatever makes it uncertain what they say is a stop by itself: two
+publishers, messages that were lost, a publisher that is never heard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+from typing import Any, Protocol
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from bridge_core import clock
+from bridge_core.lane import Lane, waited
+from bridge_core.publishers import PublisherWatch
+from bridge_core.session import Level
+from bridge_core.watchdog import FreezeWatch
+
+# Of what an actuator is told. Neither a stop nor the one message of a second publisher
+# may be overwritten before it was read.
+STOP_QOS = QoSProfile(depth=100)
+COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+_LOOK_PERIOD = 0.02  # s
+_LOOK_AROUND_PERIOD = 0.5  # s
+_FREEZE = 0.2  # s without a look
+_SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
+
+
+class GuardedNode(Protocol):
+    """Whose inputs they are."""
+
+    lane: Lane
+
+    def get_fully_qualified_name(self) -> str:
+        """As of rclpy."""
+
+    def count_publishers(self, topic: str) -> int:
+        """As of rclpy."""
+
+    def unheard_publisher(self, topic: str) -> str | None:
+        """Name who publishes there and is never heard."""
+
+    def log(self, level: Level, text: str, *, site: str = '') -> None:
+        """Log a line."""
+
+    def on_distrusted(self, text: str) -> None:
+        """Stop: it is not known what an input says."""
+
+    def on_unheard(self, text: str) -> None:
+        """Stop: somebody publishes stops that are never heard."""
+
+    def on_unheard_gone(self) -> None:
+        """End such a stop."""
+
+
+class InputGuard:
+    """Subscribes on the node's lane, and watches who publishes."""
+
+    def __init__(self, node: GuardedNode) -> None:
+        self._node = node
+        self._watches: dict[str, PublisherWatch] = {}  # by topic
+        self._stop_topics: list[str] = []
+        self._unheard: dict[str, str] = {}  # by topic: who publishes there in vain
+        self._was_unheard = False
+        self._current = threading.local()  # of a thread that is in a callback
+        self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)
+        node.lane.every(_LOOK_PERIOD, self._freeze.look)
+        node.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
+
+    @property
+    def received_at(self) -> float | None:
+        """When the message came that this thread is in the callback of; none: it is in none."""
+        return getattr(self._current, 'received_at', None)
+
+    @property
+    def unheard(self) -> bool:
+        """Tell whether somebody publishes stops that are never heard."""
+        return bool(self._unheard)
+
+    def settling(self, now: float) -> bool:
+        """Tell whether this process was just frozen, so that what comes may have waited."""
+        return self._freeze.settling(now)
+
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile | int,
+        is_stop: Callable[[Any], bool],
+    ) -> None:
+        """Subscribe; see BridgeNode.watched_subscription."""
+        watch = PublisherWatch()
+
+        def on_message(message: Any, info: Any) -> None:
+            now = clock.now()
+            name = subscription.topic_name
+            lost = watch.heard(info['publication_sequence_number'], now)
+            if lost and qos is STOP_QOS:
+                self._distrust(name, f'messages of {name} were lost: one may have been a stop')
+            fault = self._fault_of(name, now)
+            if is_stop(message) or (watch.settled(now) and not fault):
+                self._current.received_at = now - waited(info)
+                try:
+                    callback(message)
+                finally:
+                    self._current.received_at = None
+            elif fault:
+                self._distrust(name, fault)
+
+        subscription = self._node.lane.subscribe(kind, topic, on_message, qos)
+        self._watches[subscription.topic_name] = watch
+        if qos is STOP_QOS:
+            self._stop_topics.append(subscription.topic_name)
+
+    def _distrust(self, topic: str, fault: str) -> None:
+        self._node.log(Level.ERROR, fault, site=topic)
+        self._node.on_distrusted(fault)
+
+    def _fault_of(self, topic: str, now: float) -> str:
+        if self._watches[topic].doubled(now):
+            found = f'stop one of the two publishers of {topic}'
+            return f'{found}: while both are heard, only stops count'
+        return self._unheard.get(topic, '')
+
+    def faults(self, now: float) -> list[str]:
+        """Return why inputs are not trusted."""
+        return [fault for topic in self._watches if (fault := self._fault_of(topic, now))]
+
+    def count_publishers(self) -> list[str]:
+        """Count those of all inputs; return the wired inputs that have none."""
+        counts = {topic: self._node.count_publishers(topic) for topic in self._watches}
+        for topic, watch in self._watches.items():
+            if watch.blind:  # else it knows better than discovery
+                watch.counted(counts[topic])
+        own = f'{self._node.get_fully_qualified_name()}/'  # an input that nobody has wired
+        return [topic for topic, count in counts.items() if not (count or topic.startswith(own))]
+
+    def _look_around(self, now: float) -> None:
+        """Stop for whoever publishes stops that are never heard."""
+        del now
+        faults = {topic: self._node.unheard_publisher(topic) for topic in self._stop_topics}
+        self._unheard = {topic: fault for topic, fault in faults.items() if fault is not None}
+        for topic, fault in self._unheard.items():
+            self._node.log(Level.ERROR, fault, site=topic)
+            self._node.on_unheard(fault)
+        self._was_unheard |= self.unheard
+        if self._was_unheard and not self.unheard:  # again and again: a wire may begin meanwhile
+            self._node.on_unheard_gone()

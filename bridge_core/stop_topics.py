@@ -1,0 +1,61 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``~/estop``, ``~/own_estop`` and ``~/link_up``: what every bridge says of its device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+from typing import Any
+
+from std_msgs.msg import Bool
+
+from bridge_core.managed_node import latched_qos
+from bridge_core.session import Verdict
+
+
+class StopTopics:
+    """
+    Publishes a verdict at once when it changes, and again at a rate.
+
+    :param node: that publishes. :param rate: in Hz. :param verdict: the first, published at once.
+    """
+
+    def __init__(self, node: Any, rate: float, verdict: Verdict) -> None:
+        self._period = 1.0 / rate
+        qos = latched_qos(deadline=2.0 * self._period)
+        self._estop = node.create_publisher(Bool, '~/estop', qos)
+        self._own_estop = node.create_publisher(Bool, '~/own_estop', qos)
+        self._link_up = node.create_publisher(Bool, '~/link_up', latched_qos())
+        self.lock = threading.RLock()  # of the verdict, and the order in which it is published
+        self.verdict = verdict  # as published last
+        self.beside: Callable[[Verdict], None] = lambda verdict: None  # publishes parts of it
+        self.repeat_at = 0.0
+        self.publish()
+        self._link_up.publish(Bool(data=verdict.link_up))
+
+    def publish(self) -> None:
+        """Publish whether there is a stop, parts of it first."""
+        self.beside(self.verdict)
+        self._estop.publish(Bool(data=self.verdict.estop))
+        self._own_estop.publish(Bool(data=self.verdict.own_estop))
+
+    def repeat(self, now: float) -> bool:
+        """Publish it again if it is time to; tell whether it was."""
+        if now < self.repeat_at:
+            return False
+        with self.lock:  # or a stop of another thread comes between the two, and is undone
+            self.publish()
+        self.repeat_at = now + self._period
+        return True
+
+    def change(self, verdict: Verdict, now: float) -> Verdict:
+        """Publish what has changed; return the verdict before. The caller holds the lock."""
+        before, self.verdict = self.verdict, verdict
+        if verdict != before:
+            self.publish()
+            if verdict.link_up != before.link_up:
+                self._link_up.publish(Bool(data=verdict.link_up))
+            self.repeat_at = now + self._period
+        return before

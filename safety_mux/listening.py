@@ -1,0 +1,150 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the mux listens to: its inputs, its own outputs, and who publishes each of them."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Float64
+
+from bridge_core import clock
+from bridge_core.lane import owner_of
+from bridge_core.managed_node import ManagedNode
+from bridge_core.publishers import PublisherWatch
+from safety_mux.device_words import DeviceWords
+from safety_mux.intake import Intake, Listened
+from safety_mux.protocol import Kind
+
+# A stop must not be overwritten by what follows it before it was read, hence the depth.
+ESTOP_QOS = QoSProfile(depth=100)
+# Sticks and velocities may come from a publisher of either kind; the newest is what counts, so a
+# message that was lost is no stop. Their time-outs bound what that may hide.
+DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+_TYPES = {each.__name__: each for each in (Bool, Float64, JointState, Joy, Twist, TwistStamped)}
+
+
+class Subscriptions:
+    """
+    The inputs of a mux, and the publishers of their topics.
+
+    :param decide: to be called at once for a stop.
+    """
+
+    def __init__(self, node: ManagedNode, decide: Callable[[float], object]) -> None:
+        self.unpublished: list[str] = []  # topics, as of the last look around
+        self._node, self._decide = node, decide
+        self._subscriptions: list[Any] = []
+        self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+
+    def listen(self, intake: Intake) -> None:
+        """Listen for an intake, and no more for the one before; its publishers stay known."""
+        for subscription in self._subscriptions:
+            self._node.lane.unsubscribe(subscription)
+        before = {topic: watch for topic, (_, _, watch) in self._watches.items()}
+        self._subscriptions, self._watches, self.unpublished = [], {}, []
+        self._arbiter = intake.arbiter
+        self.device_words = DeviceWords(self._arbiter.explain)
+        for each in intake.topics():
+            topic = self._node.resolve_topic_name(self._node.values[each.parameter])
+            self._subscribe(each, before.get(topic) or PublisherWatch())
+
+    def _subscribe(self, listened: Listened, watch: PublisherWatch) -> None:
+        _, kind, name, message_type, take = listened
+
+        def on_message(message: Any, info: Any) -> None:
+            now = clock.now()
+            lost = watch.heard(info['publication_sequence_number'], now)
+            if watch.doubled(now):
+                self._look_at(subscription.topic_name, now)
+            elif lost and kind == 'e-stop source':  # what never arrived may have been a stop
+                what = f'{lost} messages of {subscription.topic_name} were lost'
+                self._arbiter.set_invalid(kind, name, 'lost messages', what)
+                self._arbiter.set_invalid(kind, name, 'lost messages', None)
+            if take(message, now):
+                self._decide(now)
+
+        topic = self._node.values[listened.parameter]
+        qos = ESTOP_QOS if message_type == 'Bool' else DEMAND_QOS
+        subscription = self._node.lane.subscribe(_TYPES[message_type], topic, on_message, qos)
+        self._subscriptions.append(subscription)
+        self._watches[subscription.topic_name] = (kind, name, watch)
+        if not listened.parameter.endswith('own_topic'):
+            self.device_words.listen(kind, name, subscription.topic_name)
+
+    def look_around(self, now: float) -> None:
+        """Find topics with two live publishers, or with one that could never be heard."""
+        self.device_words.forget_old(now)
+        self.unpublished = []
+        for topic, (kind, name, watch) in self._watches.items():
+            publishers = self._node.count_publishers(topic)
+            watch.counted(publishers)
+            self._look_at(topic, now)
+            if not publishers and (kind != 'drive' or name):  # see DriveInput
+                self.unpublished.append(topic)
+
+    def _look_at(self, topic: str, now: float) -> None:
+        kind, name, watch = self._watches[topic]
+        doubled = f'two live publishers on {topic}: stop one of them'
+        self._arbiter.set_invalid(
+            kind, name, f'publishers of {topic}', doubled if watch.doubled(now) else None
+        )
+        if kind in ('e-stop source', 'drive'):
+            fault = self._node.unheard_publisher(topic)
+            self._arbiter.set_invalid(kind, name, f'QoS of {topic}', fault)
+
+
+class OwnOutputs:
+    """
+    Outputs of ours that somebody else may publish, too: heard for as long as that may be so.
+
+    :param publishers: ours. :param hear: called when somebody does.
+    """
+
+    def __init__(
+        self, node: ManagedNode, publishers: Sequence[Any], hear: Callable[[float], object]
+    ) -> None:
+        self._node, self._publishers, self._hear = node, publishers, hear
+        self._watches: dict[str, tuple[Any, PublisherWatch]] = {}  # while others are there
+
+    def look_around(self) -> None:
+        """Listen to those that others may publish; no more to those that are ours alone."""
+        for publisher in self._publishers:
+            topic = publisher.topic_name
+            publishers = self._node.count_publishers(topic)
+            if publishers < 2 and topic in self._watches:
+                self._node.lane.unsubscribe(self._watches.pop(topic)[0])
+            elif publishers >= 2 and topic not in self._watches:
+                self._listen(publisher, publishers)
+
+    def _listen(self, publisher: Any, publishers: int) -> None:
+        watch = PublisherWatch()
+        watch.counted(publishers)
+
+        def on_message(message: Any, info: Any) -> None:
+            del message
+            now = clock.now()
+            watch.heard(info['publication_sequence_number'], now)
+            if watch.doubled(now):
+                self._hear(now)
+
+        topic, kind = publisher.topic_name, publisher.msg_type
+        subscription = self._node.lane.subscribe(kind, topic, on_message, DEMAND_QOS)
+        self._watches[topic] = subscription, watch
+
+    def doubled(self, now: float) -> str:
+        """Return the topics that somebody else publishes, too, in words; empty if none is."""
+        topics = (topic for topic, (_, watch) in self._watches.items() if watch.doubled(now))
+        return ', '.join(topics)
+
+
+def listeners_of(node: ManagedNode, topic: str) -> list[str]:
+    """Return the names of other nodes that listen to a topic."""
+    infos = node.get_subscriptions_info_by_topic(topic)
+    nodes = ((info.node_namespace, owner_of(info.node_name)) for info in infos)
+    own = node.get_namespace(), node.get_name()
+    return [name for space, name in nodes if (space, name) != own]

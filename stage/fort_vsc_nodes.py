@@ -1,0 +1,214 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The VSC's node as a process, with a simulated VSC on each of its three transports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import BatteryState, Joy, NavSatFix
+from std_msgs.msg import Bool, Int8, String
+
+from bridge_core.j1939 import CanFrame
+from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
+from rugged_teleop import canbuses
+from rugged_teleop.canbuses import CanBusDevice
+from stage.can_rig import CanBus
+from stage.devices import Device
+from stage.rig import latched, NodeProcess, Observer
+from stage.talkers import Diagnostics, namespace
+
+NAME = 'fort_vsc_bridge'
+LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
+
+
+class Socket:
+    """What is at the end of the cable: a VSC that can be exchanged, some of it muted."""
+
+    def __init__(self, simulator: CanSimulator) -> None:
+        self.simulator = simulator
+        self.muted: set[int] = set()  # identifiers that are not sent
+        self.added: list[CanFrame] = []
+
+    def receive(self, data: CanFrame, now: float) -> None:
+        self.simulator.receive(data, now)
+
+    def poll(self, now: float) -> list[CanFrame]:
+        added, self.added = self.added, []
+        due = self.simulator.poll(now)
+        return [*added, *(frame for frame in due if frame.identifier not in self.muted)]
+
+    def deadline(self) -> float:
+        return float(self.simulator.deadline())
+
+    def apply(self, text: str) -> None:
+        self.simulator.apply(text)
+
+    def describe(self) -> dict[str, Any]:
+        return self.simulator.describe()
+
+
+class Station:
+    """A simulated VSC on a CAN bus that is steered and recorded, as a Device on a pty."""
+
+    def __init__(self, bus: CanBus, simulator: CanSimulator) -> None:
+        self.path = bus.channel
+        self._socket = Socket(simulator)
+        self._port = CanBusDevice(self._socket, bus.channel, interface=bus.interface)
+        self._since = 0.0  # what is older does not count
+
+    def apply(self, *commands: str) -> float:
+        """Steer port or simulator; return the moment of the last command."""
+        return [self._port.apply(command) for command in commands][-1]
+
+    def exchange(self, simulator: CanSimulator) -> None:
+        """Put another VSC on the bus, with nothing on record."""
+
+        def exchange(_: Any, now: float) -> None:
+            simulator.poll(now)
+            self._socket.simulator = simulator
+            self._socket.muted.clear()
+            self._since = now
+
+        self.apply('stall off', 'clear')
+        self._port.call(exchange)
+
+    def mute(self, *identifiers: int) -> None:
+        """Keep these back, and none else."""
+        self._port.call(lambda *_: setattr(self._socket, 'muted', set(identifiers)))
+
+    def look(self, what: Callable[[CanSimulator], Any]) -> Any:
+        """Return something about the simulator, undisturbed."""
+        return self._port.call(lambda *_: what(self._socket.simulator))
+
+    def send(self, identifier: int, data: bytes) -> float:
+        """Send a frame that the simulator knows nothing of; return the moment."""
+
+        def add(_: Any, now: float) -> float:
+            self._socket.added.append(CanFrame(identifier, data))
+            return now
+
+        return self._port.call(add)
+
+    @property
+    def heard(self) -> list[CanFrame]:
+        """What the node has sent."""
+        return canbuses.frames(self._port.received(self._since))
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class NodeBench:
+    """One bridge; ``vsc`` is what it is joined to, None for nothing."""
+
+    def __init__(
+        self, vsc: Any, where: dict[str, Any], observer: Observer, *, patient: bool = True
+    ) -> None:
+        self.observer = observer
+        self.vsc = vsc
+        space = namespace()
+        self.name = f'{space}/{NAME}'
+        self.node = NodeProcess(f'{NAME}.node', where, namespace=space, patient=patient)
+        record = observer.record
+        self.estop = record(Bool, f'{self.name}/estop', latched())
+        self.own_estop = record(Bool, f'{self.name}/own_estop', latched())
+        self.joy = record(Joy, f'{self.name}/joy', 50)
+        self.mode = record(String, f'{self.name}/mode', latched())
+        self.autonomy = record(String, f'{self.name}/autonomy_mode', latched())
+        self.strength = record(Int8, f'{self.name}/radio_strength', latched())
+        self.battery = record(BatteryState, f'{self.name}/battery', latched())
+        self.device = record(DiagnosticStatus, f'{self.name}/device', latched())
+        self.fix = record(NavSatFix, f'{self.name}/fix')
+        self.nmea = record(String, f'{self.name}/nmea')
+        self.user_values = record(KeyValue, f'{self.name}/user_values')
+        self.diagnostics = Diagnostics(observer, self.name)
+
+    def start_anew(self) -> None:
+        """Have a fresh VSC with an operational remote, and hear that it is well."""
+        self.vsc.exchange(type(self._simulator())())
+        since = self.vsc.apply('mode operational')
+        self.wait_says(self.mode, 'Operational')
+        self.wait_says(self.estop, False)
+        self.wait(lambda: list(self.joy.since(since)), 'sticks')
+
+    def _simulator(self) -> Any:
+        if isinstance(self.vsc, Station):
+            return self.vsc.look(lambda simulator: simulator)
+        return self.vsc.simulator
+
+    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
+        return self.observer.wait_for(condition, timeout, what)
+
+    @staticmethod
+    def says(record: Any, value: Any) -> bool:
+        return record.last is not None and record.last.data == value
+
+    def wait_says(self, record: Any, value: Any) -> None:
+        """Wait until the newest message of a topic is this."""
+        self.wait(lambda: self.says(record, value), f'{value!r}')
+
+    def axes(self) -> list[float]:
+        return [] if self.joy.last is None else list(self.joy.last.axes)
+
+    def wait_deflected(self) -> None:
+        """Have the left stick forward, and hear of it."""
+        self.vsc.apply('stick left_y 1')
+        self.wait(lambda: self.axes()[1:2] == [1.0], 'full deflection')
+
+    def wait_neutral(self) -> None:
+        self.wait(lambda: not any(self.axes()) and not any(self.joy.last.buttons), 'neutral')
+
+    def told(self, part: str) -> str:
+        """Return what the newest diagnostic of a part says."""
+        status = self.diagnostics.status(part)
+        return '' if status is None else str(status.message)
+
+    def level(self, part: str) -> Any:
+        """Return the level of a part's newest diagnostic."""
+        status = self.diagnostics.status(part)
+        return None if status is None else status.level
+
+    def count(self, key: str, part: str = LINK) -> int:
+        return int(self.diagnostics.value(part, key) or 0)
+
+    def ask(self, kind: Any, topic: str, *messages: Any) -> float:
+        """Publish once each, when the node listens; return the moment before."""
+        publisher = self.observer.publisher(kind, f'{self.name}/{topic}')
+        since = time.monotonic()
+        for message in messages:
+            publisher.publish(message)
+        return since
+
+    def heard(self, since: float = 0.0) -> bytes:
+        """Return the bytes that the node has sent since a moment."""
+        return b''.join(chunk.data for chunk in self.vsc.received(since))
+
+    def close(self) -> None:
+        self.node.__exit__(None, None, None)
+        if self.vsc is not None:
+            self.vsc.close()
+
+
+def serial_bench(
+    folder: Path, observer: Observer, *, patient: bool = True, **parameters: Any
+) -> NodeBench:
+    vsc = Device(folder / 'vsc', Simulator())
+    given = {'port': vsc.path, 'link_timeout': 1.0, **parameters}  # longer than busy machines hold
+    return NodeBench(vsc, given, observer, patient=patient)
+
+
+def can_bench(bus: CanBus, observer: Observer, **parameters: Any) -> NodeBench:
+    where = {'transport': 'can', 'interface': bus.interface, 'channel': bus.channel}
+    return NodeBench(Station(bus, CanSimulator()), {**where, **parameters}, observer)
+
+
+def hid_bench(folder: Path, observer: Observer, **parameters: Any) -> NodeBench:
+    vsc = Device(folder / 'hidraw', HidSimulator())
+    where = {'transport': 'hid', 'port': str(vsc.path), 'hid.devices': ['none']}
+    return NodeBench(vsc, {**where, **parameters}, observer)
