@@ -22,6 +22,7 @@ from bridge_core.transports.request import Call
 from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
+from esi_drive_bridge.protocol import AXIS_LETTERS
 from esi_drive_bridge.session import (
     AxesVerdict,
     CLEAR_ERRORS,
@@ -76,15 +77,20 @@ class EsiDriveBridge(BridgeNode[Event]):
     def _create_axis_interfaces(self, number: int) -> tuple[Publisher, Publisher]:
         def on_enable(message: Any) -> None:
             value = bool(message.data)
-            self.request(Session.set_axis_enable, number, value, key=topic, stop=not value)
+            self.request(
+                Session.set_axis_enable, number, value, key=f'enable {number}', stop=not value
+            )
 
-        topic, name = f'~/{own_topic(number, "enable")}', own_topic(number, CLEAR_ERRORS)
+        axis = AXIS_LETTERS[number].lower()
+        name = own_topic(number, CLEAR_ERRORS)
         self._create_device_service(name, Call.of(Session.clear_axis_errors, number))
-        self.watched_subscription(Bool, topic, on_enable, STOP_QOS, is_stop=lambda m: not m.data)
+        self.watched_subscription(
+            Bool, f'~/axis_{axis}/enable', on_enable, STOP_QOS, is_stop=lambda m: not m.data
+        )
         qos = latched_qos(deadline=2.0 / self.values['estop_rate'])
         return (
-            self.create_publisher(Bool, f'~/{own_topic(number, "estop")}', qos),
-            self.create_publisher(Bool, f'~/{own_topic(number, "enabled")}', latched_qos()),
+            self.create_publisher(Bool, f'~/axis_{axis}/estop', qos),
+            self.create_publisher(Bool, f'~/axis_{axis}/enabled', latched_qos()),
         )
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:

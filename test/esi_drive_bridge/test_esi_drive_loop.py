@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Layout, Mode
 from esi_drive_bridge.session import Feedback, Phase, Session
 from esi_drive_bridge.simulator import Simulator
@@ -131,34 +130,6 @@ def test_a_dead_mux_stops_the_motor_within_120_ms() -> None:
     assert abs(loop.rpm) < 1.0
 
 
-def test_a_fault_of_the_drive_needs_clear_then_a_new_edge() -> None:
-    loop = Loop()
-    loop.drive_at(800.0)
-    loop.drive.apply('fault a overspeed pulse')
-    loop.run(0.05)
-    assert loop.session.estop
-    assert not loop.motor_enabled
-    loop.drive_at(800.0)
-    assert not loop.motor_enabled
-    loop.session.clear_errors(loop.now)
-    loop.run(0.1)
-    assert Answer('clear_errors', True, 'the errors are cleared') in loop.events
-    assert not loop.motor_enabled
-    loop.drive_at(800.0)
-    assert loop.rpm == pytest.approx(800.0, rel=0.01)
-
-
-def test_a_lasting_cause_cannot_be_cleared() -> None:
-    loop = Loop()
-    loop.drive.apply('fault b motor_temp on')
-    loop.run(0.1)
-    loop.session.clear_errors(loop.now)
-    loop.run(1.5)
-    (result,) = [event for event in loop.events if isinstance(event, Answer)]
-    assert not result.success
-    assert 'axis B: motor temperature' in result.text
-
-
 @pytest.mark.parametrize(
     'line',
     ['mute on', 'reboot', 'hang 0.3', 'trip a', 'refuse b on', 'deaf on', 'fault b brake on'],
@@ -237,19 +208,3 @@ def test_a_slow_drive_is_told_to_start_from_rest_and_never_to_step(
         assert max(steps) <= 2000.0 * TICK + 1
         assert loop.heard[-1] == goal
         assert loop.session.enabled
-
-
-def test_a_cable_cut_for_longer_than_the_drives_time_out_needs_a_new_edge() -> None:
-    """Short enough for us: the drive is back, and hears enable, before silence is a stop."""
-    loop = Loop()
-    loop.drive_at(800.0)
-    for line in ('deaf on', 'mute on'):
-        loop.drive.apply(line)
-    loop.run(0.15)
-    for line in ('deaf off', 'mute off'):
-        loop.drive.apply(line)
-    loop.heard.clear()
-    loop.run(1.0)
-    assert loop.heard == []
-    assert loop.session.phase is Phase.DISABLED
-    assert not loop.motor_enabled

@@ -26,7 +26,7 @@ from stage.devices import Drive
 from stage.endings import each_ending
 from stage.esi_drive_rig import status
 from stage.rig import latched, NodeProcess, Observer, ROOT
-from stage.run_delay import HELD_UP, RunDelay
+from stage.run_delay import RunDelay
 from stage.talkers import Diagnostics, namespace, Talker
 from stage.toy_rig import wires_of
 
@@ -184,13 +184,6 @@ def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
     bench.enabling(lambda: frame in b''.join(c.data for c in bench.drive.received(since)))
 
 
-def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
-    bench.command.message = command(10 * RPM, 20 * RPM, names=('right', 'left'))
-    bench.enabling(until=lambda: bench.commands(20, 10))
-    bench.command.message = command(30 * RPM, 40 * RPM, names=())
-    bench.enabling(until=lambda: bench.commands(30, 40))
-
-
 def test_enable_held_from_the_start_enables_nothing(bench: Bench) -> None:
     bench.wait(lambda: 'enable is false' in bench.inhibits(), 'a diagnostic of now')
     for talker in bench.inputs:
@@ -238,16 +231,6 @@ def test_estop_in_and_its_release_in_one_breath_still_stop(bench: Bench) -> None
     bench.stopped_since(cause)
 
 
-def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench) -> None:
-    bench.command.message = command(10 * RPM, 10 * RPM)
-    bench.enabling()
-    cause = time.monotonic()
-    bench.enable.publisher.publish(Bool(data=False))
-    bench.enable.publisher.publish(Bool(data=True))
-    bench.wait(lambda: bench.drive.first_disable(cause), 'a disable packet')
-    bench.enabling()
-
-
 @pytest.mark.parametrize(
     ('message', 'text'),
     [
@@ -279,22 +262,6 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     bench.command.message = command(0, 0)
     bench.quiet()
     bench.enabling()
-
-
-def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
-    before = int(bench.value('saturated commands') or 0)
-    bench.command.message = command(1e9, -1e9)
-    bench.enabling(until=lambda: bench.commands(32767, -32767))
-    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
-
-
-def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
-    for talker in bench.inputs:
-        talker.pause()
-    for _ in range(5):
-        moment = time.monotonic()
-        bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
-        assert not any(packet.enables for packet in bench.drive.packets(moment))
 
 
 def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
@@ -387,13 +354,6 @@ def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> N
     bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
 
 
-def test_enabled_is_repeated_without_a_change(bench: Bench) -> None:
-    bench.enabling()
-    bench.enabled.clear()
-    bench.wait(lambda: len(bench.enabled.data) > 5 or False in bench.enabled.data, 'repeats')
-    assert all(bench.enabled.data) or bench.delay.exceeds(0.1)
-
-
 def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
     for name, words in (
         ('overvoltage', 'overvoltage'),
@@ -457,28 +417,7 @@ def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench
         bench.wait(lambda p=pattern: 'any more' in said_of(p)[-1], 'the last word')
 
 
-def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
-    bench.enabling()
-    bench.drive.apply('fault a warning on')
-    bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
-    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
-    assert bench.drive.enabled or bench.delay.exceeds(0.1)  # an input that stalls disables
-    bench.wait(lambda: not bench.estop.last.data, 'no stop')
-
-
 # Clearing errors.
-
-
-def test_clear_errors_without_an_error_says_so(bench: Bench) -> None:
-    def answer() -> Any:
-        delay = RunDelay([bench.node.process.pid])
-        reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=5)
-        if not reply.success:  # only where the machine held the drive's status up
-            assert 'no status' in reply.message
-            assert delay.exceeds(HELD_UP)
-        return reply if reply.success else None
-
-    assert 'no error' in bench.wait(answer, 'the answer').message
 
 
 def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
@@ -491,32 +430,6 @@ def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
     assert bench.observer.call(Trigger, f'{bench.name}/clear_errors').success
     bench.wait(lambda: not bench.estop.last.data, 'no stop')
     assert not bench.drive.enabled
-
-
-def test_clear_errors_never_happens_by_itself(bench: Bench) -> None:
-    bench.drive.apply('fault a overspeed pulse')  # latched, without a cause any more
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    bench.enable.message = Bool(data=True)
-    bench.holds(lambda: bench.estop.last.data and not bench.drive.enabled, 0.5)
-    assert not any(packet.flags[0] & 2 for packet in bench.drive.packets())
-
-
-def test_clear_errors_of_a_silent_drive_fails_with_the_reason(bench: Bench) -> None:
-    bench.drive.apply('mute on')
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
-    assert not reply.success
-    assert 'no status from the drive' in reply.message
-
-
-def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None:
-    bench.enabling()
-    bench.drive.apply('stuck a on')
-    bench.enable.message = Bool(data=False)
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    bench.wait(lambda: 'still enabled' in bench.diagnostics.status(DEVICE).message, 'the reason')
-    bench.drive.apply('stuck a off')
-    bench.wait(lambda: not bench.estop.last.data, 'no stop any more')
 
 
 # Layouts, modes, lifecycle: a node each.
@@ -701,16 +614,6 @@ def test_terminal_that_goes_on_shows_what_was_said_meanwhile(
     finally:
         bench.close()
         os.close(ours)
-
-
-def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
-    bench = Bench(tmp_path, observer, status_rate=1000.0, baud=115200)
-    try:
-        bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
-        # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.
-        bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
-    finally:
-        bench.close()
 
 
 # Axes apart, and positions.

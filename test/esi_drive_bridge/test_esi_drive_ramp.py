@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -14,7 +13,7 @@ from hypothesis import example, given, strategies as st
 import pytest
 
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import EnableRefused, Phase, Stopped
+from esi_drive_bridge.session import Phase
 from esi_drive_bridge.session.ramp import Ramp
 from stage.esi_drive_rig import axes, fields, IDLE, is_disable, Rig, RUNNING, status, TICK
 
@@ -85,12 +84,6 @@ def test_a_command_between_the_status_and_the_first_packet_waits_for_the_second(
     assert values([frame]) == [0]
 
 
-def test_several_statuses_in_one_read_are_one_beginning(rig: Rig) -> None:
-    enabling(rig)
-    rig.status = RUNNING * 3
-    assert values(rig.tick(3)) == [0, 10, 20]
-
-
 def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
     rig.stop_slowly()
     rig.tick(3)
@@ -98,83 +91,7 @@ def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
     assert values(rig.tick(5)[-5:]) == [0, 0, 10, 20, 30]
 
 
-def end_by_estop(rig: Rig) -> None:
-    rig.do(lambda: rig.session.set_estop(True, rig.now))
-
-
-def end_by_drive(rig: Rig) -> None:
-    rig.hear(status(1, 0))
-
-
-def end_by_drive_that_comes_back_in_the_same_read(rig: Rig) -> None:
-    rig.hear(IDLE + RUNNING)
-
-
-def end_by_enable(rig: Rig) -> None:
-    rig.do(lambda: rig.session.set_enable(False, rig.now))
-
-
-def end_by_silence(rig: Rig) -> None:
-    rig.command = None
-    rig.tick(12)
-    rig.command = (500.0, -500.0)
-
-
-def end_by_lost_status(rig: Rig) -> None:
-    rig.status = None
-    rig.tick(30)
-
-
-def end_by_stall(rig: Rig) -> None:
-    rig.now += 0.2
-    rig.hear(RUNNING)
-
-
-def end_by_unplugging(rig: Rig) -> None:
-    rig.session.closed(rig.now)
-    rig.take(rig.session.opened(rig.now))
-
-
-@pytest.mark.parametrize(
-    'end',
-    [
-        end_by_estop,
-        end_by_drive,
-        end_by_drive_that_comes_back_in_the_same_read,
-        end_by_enable,
-        end_by_silence,
-        end_by_lost_status,
-        end_by_stall,
-        end_by_unplugging,
-    ],
-)
-def test_every_way_back_begins_at_rest(rig: Rig, end: Callable[[Rig], None]) -> None:
-    moving(rig)
-    end(rig)
-    assert rig.phase() is Phase.DISABLED
-    assert is_disable(rig.frames[-1][1])
-    rig.tick(3)
-    enabling(rig)
-    assert values(enabled(rig, 4)) == [0, 10, 20, 30]
-
-
-def test_enable_false_and_true_in_one_read_begins_at_rest(rig: Rig) -> None:
-    moving(rig)
-    rig.session.set_enable(False, rig.now)
-    rig.session.set_enable(True, rig.now)
-    rig.take(rig.session.poll(rig.now))
-    assert values([rig.frames[-1][1]]) == [0]
-    assert values(rig.tick(4)) == [0, 10, 20, 30]
-
-
 # Growing, and slowing down.
-
-
-def test_two_commands_in_one_read_are_one_step(rig: Rig) -> None:
-    moving(rig)
-    rig.session.set_command((400.0, 0.0), rig.now)
-    rig.session.set_command((450.0, 0.0), rig.now)
-    assert values(rig.tick()) == [210]
 
 
 @pytest.mark.parametrize('gap', [0.03, 0.09])
@@ -204,13 +121,6 @@ def test_a_change_of_direction_grows_from_zero(rig: Rig) -> None:
     moving(rig)
     rig.command = (-500.0, 500.0)
     assert values(rig.tick(5))[-4:] == [-10, -20, -30, -40]
-
-
-def test_a_stop_is_not_ramped(rig: Rig) -> None:
-    moving(rig)
-    rig.now += 0.001
-    (frame,) = rig.do(lambda: rig.session.set_enable(False, rig.now))
-    assert is_disable(frame)
 
 
 def test_a_position_begins_where_the_axis_stands_and_moves_both_ways() -> None:
@@ -301,32 +211,6 @@ def test_position_whose_place_stays_unknown_waits_no_longer_than_for_a_command()
     assert all(map(is_disable, rig.tick(30)))
 
 
-@pytest.mark.parametrize(
-    'said', [status(2), status(feedback=(0, 32767))], ids=['error', 'at its limit']
-)
-def test_position_waits_for_no_status_that_forbids_motion(said: bytes) -> None:
-    rig = Rig(axes=axes(Mode.POSITION))
-    rig.tick(3)
-    rig.status, rig.enable = None, True
-    rig.tick()
-    assert rig.phase() is Phase.WAITING
-    rig.events.clear()
-    assert all(map(is_disable, rig.hear(said)))
-    assert rig.phase() is Phase.DISABLED
-    assert [len(rig.of(kind)) for kind in (EnableRefused, Stopped)] == [1, 0]
-
-
-def test_position_that_waits_for_a_command_blames_no_status() -> None:
-    rig = Rig(axes=axes(Mode.POSITION))
-    rig.command = None
-    rig.tick(12)
-    rig.enable = True
-    rig.tick(12)
-    assert rig.phase() is Phase.DISABLED
-    (reason,) = rig.session.groups[0].gate.last_stop
-    assert reason.startswith('command is stale')
-
-
 SINKS = 3  # counts a tick, while disabled
 FOLLOWS = 5
 SCENES = st.tuples(
@@ -407,27 +291,12 @@ def test_no_step_is_greater_than_the_limit_allows(
             assert min(size, abs(goal)) <= abs(value) <= size + most
 
 
-@pytest.mark.parametrize('mode', Mode)
-def test_a_goal_is_reached_and_kept(mode: Mode) -> None:
-    ramp = Ramp(axes(mode, slew_limit=7.0)[:1], TICK)  # 0.07 counts a packet
-    said = [step(ramp, (20,), 100.0 + TICK * n)[0] for n in range(400)]
-    assert all(0 <= after - before <= 1 for before, after in pairwise(said))
-    assert said.index(20) == pytest.approx(20 / 0.07, abs=10)
-    assert set(said[said.index(20) :]) == {20}
-
-
 @pytest.mark.parametrize('later', [0.0, -5.0])
 def test_time_that_stands_or_runs_back_grows_nothing(later: float) -> None:
     ramp = Ramp(axes(Mode.VELOCITY, slew_limit=LIMIT)[:1], TICK)
     now = 100.0
     step(ramp, (500,), now)
     assert step(ramp, (500,), now + later) == (0,)
-
-
-@pytest.mark.parametrize('mode', Mode)
-def test_no_limit_follows_from_the_second_packet_on(mode: Mode) -> None:
-    ramp = Ramp(axes(mode)[:1], TICK)
-    assert [step(ramp, (500,), now)[0] for now in (100.0, 100.0, 100.01)] == [0, 0, 500]
 
 
 @pytest.mark.parametrize('mode', Mode)

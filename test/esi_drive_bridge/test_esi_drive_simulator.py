@@ -58,17 +58,6 @@ def test_example_of_the_manual_turns_both_motors(bench: Bench) -> None:
     assert bench.see('last_packet') == MANUAL_1000_RPM.hex(' ')
 
 
-def test_example_of_the_manual_in_current_mode(bench: Bench) -> None:
-    bench.run(MANUAL_5_A, 0.1)
-    assert bench.see('current_a') == [5.0, -5.0]
-    assert [axis.feedback for axis in bench.status.axes] == [5000, -5000]
-
-
-def test_status_of_an_idle_drive_is_the_vector(bench: Bench) -> None:
-    (packet,) = bench.run(DISABLE, 0.01)
-    assert packet[:10] == bytes.fromhex('F0F0 0000 0000 0000 0000')
-
-
 def test_speed_needs_time_and_a_load_makes_it_longer() -> None:
     times = []
     for load in ('0', '0.8'):
@@ -79,12 +68,6 @@ def test_speed_needs_time_and_a_load_makes_it_longer() -> None:
         times.append(bench.now - 10.0)
     assert 0.05 < times[0] < 0.3
     assert times[1] > 2 * times[0]
-
-
-def test_position_loop_arrives() -> None:
-    bench = Bench()
-    bench.run(bytes.fromhex('F0F0098E3F0972C06B7A'), 3.0)  # 4.2.5
-    assert bench.see('position_rad') == pytest.approx([3.119821, -3.119821], abs=0.01)
 
 
 def test_a_load_stops_a_weak_torque_and_never_turns_the_motor() -> None:
@@ -185,28 +168,6 @@ def test_packets_in_any_split_with_noise_between(bench: Bench) -> None:
         bench.drive.receive(bytes((byte,)), bench.now)
     assert bench.see('packets') == 3
     assert bench.see('crc_errors') == 2
-
-
-def test_a_bad_crc_is_counted_and_not_obeyed(bench: Bench) -> None:
-    bench.run(MANUAL_1000_RPM[:-1] + b'\0', 0.05)
-    assert bench.see('packets') == 0
-    assert bench.see('crc_errors') >= 4
-    assert bench.see('enabled') == [False, False]
-
-
-@pytest.mark.parametrize(('compact', 'layout'), [(False, Layout.PADDED), (True, Layout.COMPACT)])
-def test_single_axis(compact: bool, layout: Layout) -> None:
-    bench = Bench(axes=1, compact=compact)
-    bench.layout = layout
-    packet = Command((AxisCommand(True, False, Mode.VELOCITY, 300),)).to_bytes(layout)
-    bench.run(packet, 1.0)
-    assert bench.status.axes[0].feedback == pytest.approx(300, abs=3)
-    assert len(bench.packets[-1]) == layout.status_size
-
-
-def test_compact_with_two_axes_is_refused() -> None:
-    with pytest.raises(ValueError, match='compact'):
-        Simulator(axes=2, compact=True)
 
 
 def test_mute_and_rate(bench: Bench) -> None:

@@ -28,7 +28,6 @@ LONG_CELLS = {  # still to be shortened
     'docs/can.md',
     'docs/common.md',
     'docs/devices/akron.md',
-    'docs/devices/esi_drive.md',
     'docs/devices/fort_vsc.md',
     'docs/devices/ssc.md',
     'docs/devices/vm110.md',
