@@ -4,6 +4,7 @@
 """A session with a drive and a mux around it, built from packets written by hand."""
 
 from collections.abc import Callable
+import contextlib
 import math
 import struct
 from typing import Any
@@ -187,3 +188,60 @@ class Rig:
         assert enabled
         assert all(fields(f) == ((True, False, 0), (True, False, 0)) for f in enabled)
         assert fields(self.tick(2)[-1])[0] == (True, False, 77)
+
+
+# A contract in rows: steps that are played.
+
+Step = Callable[[Rig], object] | dict[str, Any] | int | float | bytes
+
+
+def ask(name: str, *arguments: Any) -> Callable[[Rig], object]:
+    """Return a request of the node, and the poll that follows; it may be refused."""
+
+    def request(rig: Rig) -> None:
+        with contextlib.suppress(ValueError):
+            getattr(rig.session, name)(*arguments, rig.now)
+        poll(rig)
+
+    return request
+
+
+def quietly(name: str, *arguments: Any) -> Callable[[Rig], object]:
+    """Return a request that is not followed by a poll."""
+    return lambda rig: getattr(rig.session, name)(*arguments, rig.now)
+
+
+def poll(rig: Rig) -> None:
+    rig.do(lambda: None)
+
+
+def play(rig: Rig, *steps: Step) -> None:
+    """
+    Play steps: so many ticks (int), a pause without a call (float, s), bytes of the drive, what
+    drive and mux say from now on (dict), or anything else.
+    """
+    for step in steps:
+        if isinstance(step, int):
+            rig.tick(step)
+        elif isinstance(step, float):
+            rig.now += step
+        elif isinstance(step, bytes):
+            rig.hear(step)
+        elif isinstance(step, dict):
+            for name, value in step.items():
+                setattr(rig, name, value)
+        else:
+            step(rig)
+
+
+def interrupt(rig: Rig) -> None:
+    rig.session.interrupted('it was frozen', rig.now)
+    poll(rig)
+
+
+def close(rig: Rig) -> None:
+    rig.events += rig.session.closed(rig.now)
+
+
+def reopen(rig: Rig) -> None:
+    rig.take(rig.session.opened(rig.now))

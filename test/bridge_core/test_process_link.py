@@ -43,6 +43,7 @@ from bridge_core.transports.request import Call, Request
 from bridge_core.transports.wire_process import Node
 from stage import gated_wire
 from stage.endings import each_ending, first_of
+from stage.esi_drive_bench import Bench as DriveBench
 from stage.link_rig import FakeOwner
 from stage.rig import as_yaml, holds_for, latched, NodeProcess, Observer, Pty, Record, wait_for
 from stage.run_delay import HELD_UP, RunDelay, WIRE_HELD_UP
@@ -61,7 +62,6 @@ from stage.toy_rig import (
     wires_of,
 )
 from stage.toy_wire import BRIDGE
-from test.esi_drive_bridge.test_esi_drive_node import Bench as DriveBench
 
 LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics
 

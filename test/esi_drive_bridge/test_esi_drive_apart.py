@@ -14,8 +14,20 @@ import pytest
 from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Layout, Mode
 from esi_drive_bridge.session import AxesVerdict, EnabledChanged, EnableRefused, Phase, Stopped
-from stage.esi_drive_rig import axes, crc, fields, IDLE, make_settings, Rig, RUNNING, status
-from test.esi_drive_bridge.test_esi_drive_session import ask, interrupt, play, refuse, Step
+from stage.esi_drive_rig import (
+    ask,
+    axes,
+    crc,
+    fields,
+    IDLE,
+    interrupt,
+    make_settings,
+    play,
+    Rig,
+    RUNNING,
+    status,
+    Step,
+)
 
 A, B = 'axis A', 'axis B'
 
@@ -70,7 +82,10 @@ B_STOPS: dict[str, tuple[list[Step], str]] = {
     'fault': ([{'status': B_FAULT}, 1], 'axis B: brake'),
     'off by itself': ([{'status': status(1, 0)}, 1], 'axis B disabled itself'),
     'no command': ([{'command': (100.0, None)}, 12], 'command is stale'),
-    'NaN': ([{'command': None}, refuse(100.0, math.nan)], 'command refused: not finite'),
+    'NaN': (
+        [{'command': None}, ask('set_command', (100.0, math.nan))],
+        'command refused: not finite',
+    ),
     'own enable': ([own(1, False), 1], 'enable went false'),
     'own enable stale': ([own(1, None), 12], '~/axis_b/enable is stale'),
 }
@@ -82,7 +97,7 @@ BOTH_STOP: dict[str, tuple[list[Step], str]] = {
     'silence': ([{'status': None}, 30], 'no status from the drive'),
     'frozen': ([interrupt], 'it was frozen'),
     'no joints': ([ask('refuse_command', 'no such joint')], 'command refused'),
-    'too few values': ([refuse(1.0)], 'command refused: 1 values'),
+    'too few values': ([ask('set_command', (1.0,))], 'command refused: 1 values'),
     'distrust': ([ask('distrust', 'messages were lost')], 'messages were lost'),
 }
 

@@ -12,8 +12,8 @@ import pytest
 
 from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode
 from esi_drive_bridge.session import Phase, Session
+from stage.esi_drive_loop import Loop
 from stage.esi_drive_rig import axes, is_disable, make_settings, RUNNING, status
-from test.esi_drive_bridge.test_esi_drive_loop import Loop
 
 SCALE = 0.000191753  # rad a count
 PLACE = 1.0  # rad, where it stands or which it passes

@@ -206,18 +206,6 @@ def test_reserved_bits_are_ignored() -> None:
     assert Command.from_bytes(packet('F1 00 00 00 00 00'), Layout.PADDED).axes[0].enable
 
 
-@pytest.mark.parametrize(
-    ('states', 'every', 'one'),
-    [('00', False, False), ('01', False, True), ('10', False, True), ('11', True, True)],
-)
-def test_drive_is_enabled_if_all_are_and_moves_if_one_is(
-    states: str, every: bool, one: bool
-) -> None:
-    off, on = AxisStatus(), AxisStatus(AxisState.ENABLED)
-    status = Status(tuple(on if state == '1' else off for state in states))
-    assert (status.enabled, status.any_enabled) == (every, one)
-
-
 def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
     axes = (AxisStatus(AxisState.ENABLED, 1),)
     wire = packet('01 01 00 00 FF FF FF FF')
@@ -227,19 +215,15 @@ def test_what_pads_a_single_axis_is_no_axis_and_kept() -> None:
     assert Status.from_bytes(wire, Layout.PADDED) == Status(axes, b'\0\0\0\1')
 
 
-@pytest.mark.parametrize('bit', [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40])
-def test_every_state_bit_has_its_property(bit: int) -> None:
-    names = (
-        'enabled',
-        'error_condition',
-        'overvoltage',
-        'undervoltage',
-        'warning',
-        'ipc_can_error',
-        'rs422_error',
-    )
+@pytest.mark.parametrize('bit', [1 << n for n in range(7)])
+def test_every_state_bit_is_read_as_what_it_is(bit: int) -> None:
     axis = AxisStatus(AxisState(bit))
-    assert [getattr(axis, name) for name in names] == [1 << i == bit for i in range(7)]
+    assert (axis.enabled, axis.warning, axis.rs422_error) == (bit == 1, bit == 16, bit == 64)
+    assert axis.faulty == (bit not in (1, 16))
+    assert bool(axis.shared_faults()) == (bit in (32, 64))
+    status = Status((axis, AxisStatus()))
+    assert (status.enabled, bool(status.warnings())) == (False, bit == 16)
+    assert (len(status.faults()), len(status.faults('B'))) == (axis.faulty, bit in (32, 64))
 
 
 ERROR_WORDS = {

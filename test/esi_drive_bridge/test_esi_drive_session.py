@@ -9,7 +9,6 @@ A row is what is given, what happens, and what is expected. Steps are played by 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 import math
 from typing import Any
@@ -31,15 +30,23 @@ from esi_drive_bridge.session import (
     Stopped,
 )
 from stage.esi_drive_rig import (
+    ask,
     axes,
+    close,
     DISABLE,
     fields,
     IDLE,
+    interrupt,
     is_disable,
     make_settings,
+    play,
+    poll,
+    quietly,
+    reopen,
     Rig,
     RUNNING,
     status,
+    Step,
     TICK,
 )
 from stage.link_rig import FakeTransport
@@ -49,49 +56,6 @@ FAULT = status(2, errors=1)
 STEP = 10  # counts a packet
 LIMIT = STEP / TICK
 DISABLED, WAITING, ENABLING, ENABLED, CLEARING = Phase
-Step = Callable[[Rig], object] | dict[str, Any] | int | float | bytes
-
-
-def ask(name: str, *arguments: Any) -> Callable[[Rig], object]:
-    """Return a request of the node, and the poll that follows."""
-    return lambda rig: rig.do(lambda: getattr(rig.session, name)(*arguments, rig.now))
-
-
-def quietly(name: str, *arguments: Any) -> Callable[[Rig], object]:
-    """Return a request that is not followed by a poll."""
-    return lambda rig: getattr(rig.session, name)(*arguments, rig.now)
-
-
-def poll(rig: Rig) -> None:
-    rig.do(lambda: None)
-
-
-def refuse(*values: float) -> Callable[[Rig], object]:
-    def command(rig: Rig) -> None:
-        with pytest.raises(ValueError, match=r'not finite|values for|beyond'):
-            rig.session.set_command(values, rig.now)
-        poll(rig)
-
-    return command
-
-
-def play(rig: Rig, *steps: Step) -> None:
-    """
-    Play steps: so many ticks (int), a pause without a call (float, s), bytes of the drive, what
-    drive and mux say from now on (dict), or anything else.
-    """
-    for step in steps:
-        if isinstance(step, int):
-            rig.tick(step)
-        elif isinstance(step, float):
-            rig.now += step
-        elif isinstance(step, bytes):
-            rig.hear(step)
-        elif isinstance(step, dict):
-            for name, value in step.items():
-                setattr(rig, name, value)
-        else:
-            step(rig)
 
 
 @pytest.fixture
@@ -106,19 +70,6 @@ def told(rig: Rig) -> list[int]:
 
 def clear_events(rig: Rig) -> None:
     rig.events.clear()
-
-
-def interrupt(rig: Rig) -> None:
-    rig.session.interrupted('it was frozen', rig.now)
-    poll(rig)
-
-
-def close(rig: Rig) -> None:
-    rig.events += rig.session.closed(rig.now)
-
-
-def reopen(rig: Rig) -> None:
-    rig.take(rig.session.opened(rig.now))
 
 
 # The phases.
@@ -256,10 +207,13 @@ ENDS: dict[str, tuple[list[Step], str]] = {
         'e-stop input is true',
     ),
     'enable': ([ask('set_enable', False)], 'enable went false'),
-    'NaN': ([refuse(math.nan, 0.0)], 'command refused: not finite'),
-    'infinity': ([refuse(0.0, math.inf)], 'command refused: not finite'),
-    'one value': ([refuse(1.0)], 'command refused: 1 values for 2 axes'),
-    'three values': ([refuse(1.0, 2.0, 3.0)], 'command refused: 3 values for 2 axes'),
+    'NaN': ([ask('set_command', (math.nan, 0.0))], 'command refused: not finite'),
+    'infinity': ([ask('set_command', (0.0, math.inf))], 'command refused: not finite'),
+    'one value': ([ask('set_command', (1.0,))], 'command refused: 1 values for 2 axes'),
+    'three values': (
+        [ask('set_command', (1.0, 2.0, 3.0))],
+        'refused: 3 values for 2 axes',
+    ),
     'refused': ([ask('refuse_command', "joint 'x' is unknown")], "command refused: joint 'x'"),
     'distrust': ([ask('distrust', 'messages were lost')], 'messages were lost'),
     'error': ([status(1, 1, errors=0x04)], 'axis A: overspeed'),

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode, Status
+from esi_drive_bridge.protocol import AxisCommand, AxisState, Command, Layout, Mode, Status
 from esi_drive_bridge.simulator import FAULTS, Motor, Simulator
 
 MANUAL_1000_RPM = bytes.fromhex('F0F005E8030518FC55A0')  # 4.2.4
@@ -105,7 +105,7 @@ def test_latched_rs422_bit_waits_for_clear(bench: Bench) -> None:
     bench.run(None, 0.2)
     bench.run(MANUAL_1000_RPM, 0.2)
     assert bench.status.axes[0].rs422_error
-    assert bench.status.axes[0].error_condition
+    assert bench.status.axes[0].state & AxisState.ERROR_CONDITION
     assert not bench.status.axes[0].enabled
     bench.run(CLEAR, 0.02)
     assert not bench.status.faulty
