@@ -124,8 +124,9 @@ class AxisGroup:
     @property
     def is_settled(self) -> bool:
         """A status without a new bit decides nothing."""
-        armed = self.gate.deadline != math.inf
-        return self.phase is Phase.ENABLED or (self.phase is Phase.DISABLED and not armed)
+        if self.phase is Phase.DISABLED:
+            return self.gate.deadline == math.inf  # no half of an edge was heard
+        return self.phase is Phase.ENABLED
 
     @property
     def has_place(self) -> bool:
@@ -268,9 +269,12 @@ class AxisGroup:
         """Take an enable input; return why it goes true in vain, in words."""
         self._enables[topic].feed(now)
         self._enable_values[topic] = value
-        vain = self.gate.hear_enable(all(self._enable_values.values()), now, self._stops(now))
-        self.watch(now)
-        if self.phase is Phase.DISABLED and self.gate.state is State.WAITING:
+        is_true = all(self._enable_values.values())
+        stops = () if is_true and self.gate.is_open else self._stops(now)  # they change nothing
+        vain = self.gate.hear_enable(is_true, now, stops)
+        if self.gate.state is State.SHUT and self.phase in _ACTIVE:
+            self.watch(now)
+        elif self.gate.state is State.WAITING and self.phase is Phase.DISABLED:
             self.phase = Phase.WAITING
             if not self._places.any:
                 self._proceed(now)

@@ -172,8 +172,9 @@ class Session(BaseSession[bytes, Status, Event]):
         known = self._known
         if known is None or self.verdict.estop or not message.repeats(known):
             return False
-        if not all(group.is_settled for group in self.groups):
-            return False
+        for group in self.groups:
+            if not group.is_settled:
+                return False
         self.status = message
         self._heard.feed(now)
         for group in self.groups:
