@@ -163,14 +163,6 @@ def test_only_what_is_measured_is_filled() -> None:
     assert message.header.frame_id == 'base'
 
 
-def test_mixed_modes_fill_the_rest_with_nan() -> None:
-    axes = (LEFT, Axis('tilt', Mode.POSITION, 0.5))
-    message = joint_state(Status((AxisStatus(), AxisStatus(feedback=2))), axes)
-    assert message.position[1] == 1.0
-    assert math.isnan(message.position[0])
-    assert math.isnan(message.velocity[1])
-
-
 def test_every_field_is_filled_on_request_with_nan_for_what_is_not_measured() -> None:
     status = Status((AxisStatus(feedback=60), AxisStatus(feedback=0)))
     message = joint_state(status, (LEFT, RIGHT), every_field=True)

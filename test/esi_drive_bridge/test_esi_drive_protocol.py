@@ -12,7 +12,6 @@ from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.framing import FrameError, StreamParser
-from esi_drive_bridge import protocol
 from esi_drive_bridge.protocol import (
     AxisCommand,
     AxisState,
@@ -260,33 +259,12 @@ def test_faulty_exactly_when_a_fault_is_named(state: AxisState, errors: MotorErr
     assert axis.faulty == bool(axis.faults()) == bool(axis.fault_names())
 
 
-@pytest.mark.parametrize(
-    ('state', 'errors', 'words'),
-    [
-        (AxisState.ERROR_CONDITION, 0, ['error condition without']),
-        (AxisState.ERROR_CONDITION, MotorError.OVERCURRENT, ['overcurrent']),
-        (AxisState.ERROR_CONDITION | AxisState.RS422_ERROR, 0, ['RS422']),
-    ],
-)
-def test_summary_bit_is_named_if_nothing_else_is(
-    state: AxisState, errors: int, words: list[str]
-) -> None:
-    faults = AxisStatus(state, 0, MotorError(errors)).faults()
-    assert [word in fault for word, fault in zip(words, faults, strict=True)] == [True]
-
-
 def test_status_repeats_another_with_the_same_bits_whatever_was_measured() -> None:
     status = Status((AxisStatus(feedback=1), AxisStatus(AxisState.ENABLED)))
     assert status.repeats(Status((AxisStatus(), AxisStatus(AxisState.ENABLED)))) is True
     state = Status((AxisStatus(), AxisStatus()))
     error = Status((AxisStatus(), AxisStatus(AxisState.ENABLED, 0, MotorError.OVERCURRENT)))
     assert status.repeats(state) is status.repeats(error) is False
-
-
-def test_line_and_poll_of_the_drive_are_those_of_the_manual() -> None:
-    assert protocol.BAUDS == (115200, 230400, 1000000)  # 4.5.2
-    assert protocol.BITS_PER_BYTE == 1 + 8 + 1  # 8N1 (4.5.2)
-    assert protocol.MAX_COMMAND_RATE == 1000.0  # Hz (4.5.1)
 
 
 # The stream.
@@ -323,16 +301,6 @@ def flush(parser: StreamParser[bytes], now: float) -> list[bytes]:
         now = parser.deadline
         frames += parser.poll(now)
     return frames
-
-
-@pytest.mark.parametrize('garbage', [b'\0', b'\xf0', b'\xf0\xf0', b'\xf0\xf0\x01\x02', b'no' * 9])
-def test_garbage_before_and_between(
-    stream: tuple[StreamParser[bytes], list[bytes]], garbage: bytes
-) -> None:
-    parser, frames = stream
-    found = parser.feed(garbage + garbage.join(frames), 0.0) + flush(parser, 0.0)
-    assert found == frames
-    assert parser.counters.discarded_bytes == len(garbage) * len(frames)
 
 
 def test_truncated_frame_costs_only_itself(

@@ -73,17 +73,6 @@ def test_packets_begin_at_rest_however_long_the_drive_takes(rig: Rig, ticks: int
     assert [fields(frame)[1][2] for frame in frames] == [max(-STEP * n, -500) for n in range(60)]
 
 
-def test_a_command_between_the_status_and_the_first_packet_waits_for_the_second(rig: Rig) -> None:
-    enabling(rig)
-    rig.now += TICK / 2
-    rig.hear(RUNNING)
-    assert rig.phase() is Phase.ENABLED
-    rig.session.set_command((500.0, -500.0), rig.now)
-    rig.now += TICK
-    (frame,) = rig.do(lambda: None)
-    assert values([frame]) == [0]
-
-
 def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
     rig.stop_slowly()
     rig.tick(3)
@@ -99,14 +88,6 @@ def test_a_pause_is_not_made_up_for(rig: Rig, gap: float) -> None:
     moving(rig)
     rig.now += gap - TICK
     assert values(rig.tick()) == [210]
-
-
-def test_a_status_lost_for_a_while_changes_nothing(rig: Rig) -> None:
-    moving(rig)
-    rig.status = None
-    assert values(rig.tick(20)) == list(range(210, 401, STEP))
-    rig.status = RUNNING
-    assert values(rig.tick(2)) == [410, 420]
 
 
 @pytest.mark.parametrize('goal', [0.0, 30.0, 199.0])

@@ -81,14 +81,6 @@ def test_a_load_stops_a_weak_torque_and_never_turns_the_motor() -> None:
     assert motor.rpm < -10.0
 
 
-def test_disabled_motor_brakes(bench: Bench) -> None:
-    bench.run(MANUAL_1000_RPM, 1.0)
-    bench.run(DISABLE, 0.01)
-    assert bench.see('enabled') == [False, False]
-    bench.run(DISABLE, 0.5)
-    assert abs(bench.see('rpm')[0]) < 5.0
-
-
 def test_silence_disables_and_sets_the_rs422_bit_until_the_next_packet(bench: Bench) -> None:
     bench.run(MANUAL_1000_RPM, 0.5)
     bench.run(None, 0.09)
@@ -154,28 +146,11 @@ def test_errors_latch_and_clear_only_without_their_cause(bench: Bench) -> None:
     assert bench.see('errors') == [[], []]
 
 
-def test_a_warning_disables_nothing(bench: Bench) -> None:
-    bench.drive.apply('fault * warning on')
-    bench.run(MANUAL_1000_RPM, 0.1)
-    assert bench.status.enabled
-    bench.drive.apply('fault * warning off')
-    bench.run(MANUAL_1000_RPM, 0.01)
-    assert not bench.status.warnings()
-
-
 def test_packets_in_any_split_with_noise_between(bench: Bench) -> None:
     for byte in b'\xf0' + MANUAL_1000_RPM + b'\xf0\xf0\x05' + MANUAL_1000_RPM + DISABLE:
         bench.drive.receive(bytes((byte,)), bench.now)
     assert bench.see('packets') == 3
     assert bench.see('crc_errors') == 2
-
-
-def test_mute_and_rate(bench: Bench) -> None:
-    bench.drive.apply('mute on')
-    assert bench.run(DISABLE, 0.1) == []
-    bench.drive.apply('mute off')
-    bench.drive.apply('rate 10')
-    assert len(bench.run(DISABLE, 1.0)) == pytest.approx(10, abs=1)
 
 
 def test_a_slow_drive_takes_its_time_to_enable(bench: Bench) -> None:
@@ -262,3 +237,8 @@ def test_a_bad_line_gets_one_line_of_help(bench: Bench, line: str) -> None:
     with pytest.raises(ValueError, match=r'there are: fault|usage: |^[a-z]+ .*: ') as caught:
         bench.drive.apply(line)
     assert '\n' not in str(caught.value)
+
+
+def test_compact_with_two_axes_is_refused() -> None:
+    with pytest.raises(ValueError, match='compact'):
+        Simulator(axes=2, compact=True)
