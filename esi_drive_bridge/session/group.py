@@ -149,15 +149,14 @@ class AxisGroup:
             texts += astray(self.axes, self._ramp.counts, self._lettered())
         return texts
 
-    def values(self, now: float) -> dict[str, Any]:
-        """Return phase, inhibits and counters."""
+    def values(self) -> dict[str, Any]:
+        """Return phase and counters."""
         held = 'none'
         if self.phase is Phase.ENABLED:
             held = held_back(self.axes, self._ramp.counts, self._counts)
         values = {
             'phase': self.phase.value,
             'enabled': self.is_heard and self.enabled,
-            'disabled because': '; '.join(self.inhibits(now)),
             'held back by slew_limit': held,
             'saturated commands': self.saturations,
             'refused commands': self.refused_commands,

@@ -117,9 +117,9 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def values(self, now: float) -> dict[str, Any]:
         """Return phase, inhibits, counters and every bit of the status."""
-        values: dict[str, Any] = {}
+        values: dict[str, Any] = {'disabled because': '; '.join(self.inhibits(now))}
         for group in self.groups:
-            values |= group.values(now)
+            values |= group.values()
         if self.status is not None:
             values |= status_values(self.status, self.settings.axes)
         return values

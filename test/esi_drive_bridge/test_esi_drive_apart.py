@@ -173,6 +173,7 @@ def test_enabled_is_told_of_each_axis(rig: Apart) -> None:
     assert not rig.session.enabled
     values = rig.session.values(rig.now)
     assert (values['axis A phase'], values['axis B phase']) == ('enabled', 'disabled')
+    assert values['disabled because'].startswith('axis B: ')
 
 
 @pytest.mark.parametrize('order', [(0, 1), (1, 0)])
