@@ -38,9 +38,7 @@ RESULTS = ROOT / 'build' / 'mutants.jsonl'
 ENOUGH = 0.95  # of those that are not excused
 
 _MUX = tuple(f'safety_mux_{name}' for name in ('rules', 'motion', 'config', 'feedback', 'chains'))
-_ESI = tuple(
-    f'esi_drive_session{name}' for name in ('', '_errors', '_edges', '_refused', '_chance')
-)
+_ESI = tuple(f'esi_drive_{name}' for name in ('session', 'apart', 'ramp', 'places'))
 _VSC = tuple(
     f'fort_vsc_{name}' for name in ('stories', 'session', 'echo', 'heard', 'sent', 'held')
 )
@@ -77,8 +75,10 @@ _NAMES_OF_TESTS = {
     'bridge_core/lane.py': ('lane',),
     'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
+    'bridge_core/transports/active.py': ('wire',),
+    'bridge_core/transports/opener.py': ('wire',),
     'bridge_core/transports/wire.py': ('wire',),
-    'bridge_core/supervisor.py': _PROCESSES,
+    'bridge_core/supervisor.py': ('supervisor', *_PROCESSES),
     'bridge_core/transports/child.py': _PROCESSES,
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
@@ -102,9 +102,7 @@ _NAMES_OF_TESTS = {
     'safety_mux/button.py': ('safety_mux_button',),
     'safety_mux/stamps.py': ('safety_mux_stamps',),
     'safety_mux/device_words.py': ('safety_mux_device_words',),
-    'esi_drive_bridge/session': (
-        *(*_ESI[:-1], 'esi_drive_ramp', 'session_settings', 'session_reports', _ESI[-1]),
-    ),
+    'esi_drive_bridge/session': (*_ESI, 'session_settings', 'session_reports'),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
     'esi_drive_bridge/axes.py': ('esi_drive_convert', 'esi_drive_ramp', *_ESI[:2]),
     **{f'{name}_bridge/convert.py': (f'{name}_convert',) for name in _CONVERT if name != 'akron'},

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import threading
 from typing import Any
 
@@ -29,12 +30,14 @@ class StopTopics:
         self._link_up = node.create_publisher(Bool, '~/link_up', latched_qos())
         self.lock = threading.RLock()  # of the verdict, and the order in which it is published
         self.verdict = verdict  # as published last
+        self.beside: Callable[[Verdict], None] = lambda verdict: None  # publishes parts of it
         self.repeat_at = 0.0
         self.publish()
         self._link_up.publish(Bool(data=verdict.link_up))
 
     def publish(self) -> None:
-        """Publish whether there is a stop."""
+        """Publish whether there is a stop, parts of it first."""
+        self.beside(self.verdict)
         self._estop.publish(Bool(data=self.verdict.estop))
         self._own_estop.publish(Bool(data=self.verdict.own_estop))
 

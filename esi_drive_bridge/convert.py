@@ -18,7 +18,9 @@ from esi_drive_bridge.protocol import Status
 _FIELDS = ('position', 'velocity', 'effort')
 
 
-def command_values(message: Any, axes: Sequence[Axis]) -> tuple[float, ...]:
+def command_values(
+    message: Any, axes: Sequence[Axis], *, apart: bool = False
+) -> tuple[float | None, ...]:
     """
     Return a JointState command as one SI value an axis, in the axes' order.
 
@@ -26,17 +28,26 @@ def command_values(message: Any, axes: Sequence[Axis]) -> tuple[float, ...]:
     means the axes in order. A joint's value is read from the field of its mode; other fields are
     not looked at.
 
+    :param apart: an axis may be left out, which gives None, and a value that is not finite is the
+        session's to refuse, for that axis alone.
     :raises ValueError: for a missing or doubled joint, a field of the wrong length, or a value
         that is not finite. The text is for the sender.
     """
     known = [axis.joint for axis in axes]
     names = list(message.name) or known
-    if not set(known) <= set(names) or len(set(names)) < len(names):
+    missing = set(known) - set(names)
+    if len(set(names)) < len(names) or (missing and not (apart and set(known) & set(names))):
         raise ValueError(
             f'name each of {known} once: the command names {reprlib.repr(names)}, '
             f'and this drive has {known}'
         )
-    return tuple(_value_of(message, axis, names) for axis in axes)
+    values = tuple(
+        None if axis.joint in missing else _value_of(message, axis, names) for axis in axes
+    )
+    for axis, value in zip(axes, values, strict=True):
+        if not (apart or value is None or math.isfinite(value)):
+            raise ValueError(f'{axis.field} of {axis.joint} is {value}')
+    return values
 
 
 def _value_of(message: Any, axis: Axis, names: Sequence[str]) -> float:
@@ -46,10 +57,7 @@ def _value_of(message: Any, axis: Axis, names: Sequence[str]) -> float:
             f'command {axis.joint} in {axis.field} ({axis.unit}): there are {len(values)} entries '
             f'in {axis.field} for {len(names)} joints'
         )
-    value = float(values[names.index(axis.joint)])
-    if not math.isfinite(value):
-        raise ValueError(f'{axis.field} of {axis.joint} is {value}')
-    return value
+    return float(values[names.index(axis.joint)])
 
 
 def joint_state(

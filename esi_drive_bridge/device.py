@@ -38,7 +38,10 @@ DEVICE = Device(
     launch=4,
     actuator=True,
     drive=True,
-    publishes=('enabled', 'joint_states'),
+    publishes=(
+        *('enabled', 'joint_states'),
+        *(f'axis_{axis}/{name}' for axis in 'ab' for name in ('estop', 'enabled')),  # if apart
+    ),
     wiring={
         '~/command': 'safety_mux/command',
         '~/enable': 'safety_mux/enable',

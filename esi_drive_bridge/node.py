@@ -4,8 +4,10 @@
 """The ESI drive bridge: one or two servo axes on RS422 as ROS topics."""
 
 from collections.abc import Mapping
+import math
 from typing import Any, ClassVar
 
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
@@ -13,19 +15,22 @@ from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
 from bridge_core.runner import run
-from bridge_core.session import Level
+from bridge_core.session import Level, Verdict
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Call
 from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
+from esi_drive_bridge.protocol import AXIS_LETTERS
 from esi_drive_bridge.session import (
+    AxesVerdict,
     CLEAR_ERRORS,
     EnabledChanged,
     EnableRefused,
     Event,
     FaultsChanged,
     Feedback,
+    own_topic,
     Session,
     Stopped,
 )
@@ -42,7 +47,8 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._listened = True  # as the wire knows it: somebody listens to ~/joint_states
-        self._is_enabled = False  # as the drive says
+        self._is_enabled = [False]  # as the drive says, of all axes or each
+        self._own: list[tuple[Publisher, Publisher]] = []  # ~/axis_a/estop and ~/axis_a/enabled
         super().__init__('esi_drive_bridge', **options)
 
     def create_interfaces(self) -> None:
@@ -53,6 +59,32 @@ class EsiDriveBridge(BridgeNode[Event]):
         self.stop_input('~/estop_in', self._on_estop_in)
         self.stop_input('~/enable', self._on_enable, stop=False)
         self.command_input(JointState, '~/command', self._on_command)
+        if self._is_each:
+            self._is_enabled = [False, False]
+            self._own = list(map(self._create_axis_interfaces, range(len(self._is_enabled))))
+            self._stops.beside = self._publish_axes
+            self._stops.publish()
+
+    @property
+    def _is_each(self) -> bool:
+        return bool(self.values['axes_enable'] == 'each')
+
+    def _create_axis_interfaces(self, number: int) -> tuple[Publisher, Publisher]:
+        def on_enable(message: Any) -> None:
+            value = bool(message.data)
+            self.request(
+                Session.set_axis_enable, number, value, key=f'enable {number}', stop=not value
+            )
+
+        axis = AXIS_LETTERS[number].lower()
+        name = own_topic(number, CLEAR_ERRORS)
+        self._create_device_service(name, Call.of(Session.clear_axis_errors, number))
+        self.stop_input(f'~/axis_{axis}/enable', on_enable, stop=False)
+        qos = latched_qos(deadline=2.0 / self.values['estop_rate'])
+        return (
+            self.create_publisher(Bool, f'~/axis_{axis}/estop', qos),
+            self.create_publisher(Bool, f'~/axis_{axis}/enabled', latched_qos()),
+        )
 
     def take_parameters(self, values: Mapping[str, Any]) -> None:
         """Keep how the axes are scaled."""
@@ -68,17 +100,25 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     def on_repeat(self) -> None:
         """Repeat ``~/enabled``."""
-        self._say_enabled(self._is_enabled)
+        self._say_enabled()
 
-    def _say_enabled(self, enabled: bool) -> None:
+    def _publish_axes(self, verdict: Verdict) -> None:
+        axes = verdict.axes if isinstance(verdict, AxesVerdict) else (verdict.estop,) * 2
+        for (estop, _), is_stopped in zip(self._own, axes, strict=True):
+            estop.publish(Bool(data=is_stopped))
+
+    def _say_enabled(self) -> None:
         # What came last of a wire may be lost: an inactive node has told the drive to disable.
-        self._is_enabled = enabled and self.active
-        self._enabled.publish(Bool(data=self._is_enabled))
+        self._is_enabled = [each and self.active for each in self._is_enabled]
+        for (_, enabled), value in zip(self._own, self._is_enabled, strict=False):
+            enabled.publish(Bool(data=value))
+        self._enabled.publish(Bool(data=all(self._is_enabled)))
 
     def forget_device(self) -> None:
         """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""
         self._listened = True
-        self._say_enabled(False)
+        self._is_enabled = [False] * len(self._is_enabled)
+        self._say_enabled()
 
     def on_event(self, event: Event) -> None:
         """Publish one event of the session."""
@@ -89,11 +129,13 @@ class EsiDriveBridge(BridgeNode[Event]):
             )
             self._joint_states.publish(joint_states)
         elif isinstance(event, EnabledChanged):
-            self._say_enabled(event.enabled)
+            self._is_enabled[event.group] = event.enabled
+            self._say_enabled()
         elif isinstance(event, Stopped):
-            self.log(Level.WARN, f'disabled: {"; ".join(event.reasons)}')
+            self.log(Level.WARN, f'{event.axis} disabled: {"; ".join(event.reasons)}'.lstrip())
         elif isinstance(event, EnableRefused):
-            self.log(Level.WARN, f'not enabled: {"; ".join(event.reasons)}', site='not enabled')
+            text = f'{event.axis} not enabled'.lstrip()
+            self.log(Level.WARN, f'{text}: {"; ".join(event.reasons)}', site=text)
         elif isinstance(event, FaultsChanged):
             self._log_faults(event)
 
@@ -114,12 +156,13 @@ class EsiDriveBridge(BridgeNode[Event]):
         if not self.active:
             return
         try:
-            values = convert.command_values(message, self._axes)
+            values = convert.command_values(message, self._axes, apart=self._is_each)
         except ValueError as error:
             self.refuse(f'command: {error}')
             self.request(Session.refuse_command, str(error), key='command', stop=True)
         else:
-            self.request(Session.set_command, values, key='command')
+            is_stop = any(value is not None and not math.isfinite(value) for value in values)
+            self.request(Session.set_command, values, key='command', stop=is_stop)
 
     def _on_enable(self, message: Any) -> None:
         self.request(Session.set_enable, message.data, stop=not message.data)

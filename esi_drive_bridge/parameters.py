@@ -6,7 +6,6 @@
 from bridge_core.parameters import Parameter
 from esi_drive_bridge.protocol import MAX_COMMAND_RATE
 
-_EACH = 'One for all axes, or one an axis.'
 _SMALLEST = 1e-9
 
 PARAMETERS = (
@@ -19,8 +18,7 @@ PARAMETERS = (
     Parameter(
         'baud',
         115200,
-        "The drive's SerialBaud in HiDS: 115200, 230400 or 1000000 (manual 4.5.2). 115200 does "
-        'not carry 1000 dual status packets a second.',
+        'SerialBaud of HiDS: 115200, 230400 or 1000000 (manual 4.5.2).',
         unit='bit/s',
         minimum=9600,
         maximum=4_000_000,
@@ -28,27 +26,35 @@ PARAMETERS = (
     Parameter(
         'joint_names',
         ['left', 'right'],
-        'Joints of motor A and motor B, as the mux names them; one name for a single-axis drive.',
+        'Joints of motor A and motor B, as the mux names them; one name for a single-axis drive. '
+        'The lists below have one element for all axes, or one an axis.',
         section='the axes',
     ),
     Parameter(
         'single_axis_layout',
         'padded',
-        'Packets of a single-axis drive: padded to the dual lengths, or compact, which is refused '
-        'with two joint_names. The manual leaves it open; try the other if no status is '
-        'understood.',
+        'Packets of a single-axis drive: padded to the dual lengths, or compact. The manual '
+        'leaves it open; try the other if no status is understood.',
         choices=('padded', 'compact'),
+    ),
+    Parameter(
+        'axes_enable',
+        'together',
+        'together: a fault of one axis stops both. each: every axis is enabled, stopped and '
+        'cleared by itself, and needs ~/axis_a/enable or ~/axis_b/enable besides ~/enable.',
+        choices=('together', 'each'),
+        fixed=True,
     ),
     Parameter(
         'mode',
         ['velocity'],
-        f'Command mode, as configured in HiDS. {_EACH}',
+        'Command mode, as configured in HiDS.',
         choices=('torque', 'velocity', 'position'),
     ),
     Parameter(
         'command_current_scale',
         [0.001],
-        f"HiDS's CommandCurrentScale; 0.001 reaches ±32.767 A. {_EACH}",
+        "HiDS's CommandCurrentScale; 0.001 reaches ±32.767 A.",
         unit='A/count',
         minimum=_SMALLEST,
         maximum=1e3,
@@ -57,7 +63,7 @@ PARAMETERS = (
     Parameter(
         'command_velocity_scale',
         [1.0],
-        f"HiDS's CommandVelocityScale; 1.0 reaches ±32767 rpm. {_EACH}",
+        "HiDS's CommandVelocityScale; 1.0 reaches ±32767 rpm.",
         unit='rpm/count',
         minimum=_SMALLEST,
         maximum=1e3,
@@ -65,7 +71,7 @@ PARAMETERS = (
     Parameter(
         'command_position_scale',
         [0.000191753],
-        f"HiDS's CommandPositionScale; 0.000191753 reaches ±2π rad. {_EACH}",
+        "HiDS's CommandPositionScale; 0.000191753 reaches ±2π rad.",
         unit='rad/count',
         minimum=_SMALLEST,
         maximum=1e3,
@@ -73,14 +79,14 @@ PARAMETERS = (
     Parameter(
         'gear_ratio',
         [1.0],
-        f'Turns of the motor for one of the joint. {_EACH}',
+        'Turns of the motor for one of the joint.',
         minimum=1e-6,
         maximum=1e6,
     ),
     Parameter(
         'torque_constant',
         [0.0],
-        f"Of the motor; 0: effort is the motor's current in A instead. {_EACH}",
+        "Of the motor; 0: effort is the motor's current in A instead.",
         unit='N·m/A',
         minimum=0.0,
         maximum=1e3,
@@ -88,14 +94,14 @@ PARAMETERS = (
     Parameter(
         'inverted',
         [False],
-        f'The joint turns against its motor, as on one of the two sides of a vehicle. {_EACH}',
+        'The joint turns against its motor, as on one side of a vehicle.',
     ),
     Parameter(
         'slew_limit',
         [20.0],
         'Greatest growth of what is sent, from rest at each enabling; towards 0 it goes at once. '
         'In torque mode N·m/s, or A/s with torque_constant 0; in position mode rad/s, both ways. '
-        f"As the mux's acceleration, or more. {_EACH}",
+        "As the mux's acceleration, or more.",
         unit='rad/s², N·m/s or rad/s',
         above=0.0,
         maximum=1e6,
@@ -104,8 +110,7 @@ PARAMETERS = (
     Parameter(
         'command_rate',
         100.0,
-        'How often a command packet is sent, whatever else happens. The drive looks 1000 times a '
-        'second.',
+        'How often a command packet is sent. The drive looks 1000 times a second.',
         unit='Hz',
         minimum=1.0,
         maximum=float(MAX_COMMAND_RATE),
@@ -114,7 +119,7 @@ PARAMETERS = (
     Parameter(
         'status_rate',
         500.0,
-        'How often the drive sends its status; only to warn when the line is too slow for it.',
+        'How often the drive sends its status; used for a warning when the line is too slow.',
         unit='Hz',
         minimum=1.0,
         maximum=1000.0,
@@ -122,8 +127,7 @@ PARAMETERS = (
     Parameter(
         'joint_state_rate',
         100.0,
-        'About how often ~/joint_states is published: a ninth more at most, so that none is left '
-        'out where the drive sends at this rate.',
+        'About how often ~/joint_states is published; a ninth more at most.',
         unit='Hz',
         minimum=1.0,
         maximum=1000.0,
@@ -131,16 +135,14 @@ PARAMETERS = (
     Parameter(
         'joint_state_fields',
         'measured',
-        'What ~/joint_states has. all: position, velocity and effort, NaN where nothing is '
-        'measured, for who reads position without looking, such as the topic based hardware of '
-        'ros2_control.',
+        'Fields of ~/joint_states. all: position, velocity and effort, NaN where nothing is '
+        'measured, as the topic based hardware of ros2_control needs them.',
         choices=('measured', 'all'),
     ),
     Parameter(
         'command_timeout',
         0.1,
-        'A ~/command, ~/enable or ~/estop_in older than this disables the drive. The default is '
-        'ten periods of the mux.',
+        'A ~/command, ~/enable or ~/estop_in older than this disables the drive.',
         unit='s',
         minimum=0.02,
         maximum=2.0,
@@ -157,8 +159,8 @@ PARAMETERS = (
     Parameter(
         'enable_timeout',
         1.0,
-        'How long the drive may take to report itself enabled (a brake may have to open): '
-        'longer disables. And disabled: longer is a stop.',
+        'How long the drive may take to report enabled, or it is disabled; and to report '
+        'disabled, or it is a stop.',
         unit='s',
         minimum=0.05,
         maximum=10.0,

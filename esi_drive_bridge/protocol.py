@@ -25,12 +25,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 import struct
-from typing import Any
 
 from bridge_core.checksums import crc16_ccitt_false
 from bridge_core.framing import (
     ChecksumError,
-    draft_of,
     FrameError,
     FrameFormat,
     MessageT,
@@ -56,7 +54,6 @@ _STATUS_AXIS = struct.Struct(
     'h'  # feedback, counts of the same scale
     'B'  # MotorError
 )
-_STATUS_AXES = struct.Struct('<BhBBhB')  # the same, of both axes
 _CHECK = struct.Struct('<H')
 _check_at = _CHECK.unpack_from
 assert (_COMMAND_AXIS.size, _STATUS_AXIS.size, _CHECK.size) == (3, 4, CHECK_SIZE)
@@ -292,29 +289,9 @@ class AxisStatus:
         return self._has(AxisState.ENABLED)
 
     @property
-    def error_condition(self) -> bool:
-        """The drive's own summary; see ``faulty`` for one that overlooks no bit."""
-        return self._has(AxisState.ERROR_CONDITION)
-
-    @property
-    def overvoltage(self) -> bool:
-        """Too much voltage at the processor of this axis."""
-        return self._has(AxisState.OVERVOLTAGE)
-
-    @property
-    def undervoltage(self) -> bool:
-        """Too little voltage at the processor of this axis."""
-        return self._has(AxisState.UNDERVOLTAGE)
-
-    @property
     def warning(self) -> bool:
         """Self-test or another configured warning; not an error."""
         return self._has(AxisState.WARNING)
-
-    @property
-    def ipc_can_error(self) -> bool:
-        """The CAN between the drive's processors failed."""
-        return self._has(AxisState.IPC_CAN_ERROR)
 
     @property
     def rs422_error(self) -> bool:
@@ -326,11 +303,17 @@ class AxisStatus:
         """Any error bit at all is set, whatever the drive's own summary says."""
         return int(self.errors) | int(self.state) & _FAULT_MASK != 0
 
+    def shared_faults(self) -> list[str]:
+        """Name the error bits of what both axes depend on, with what to do."""
+        ipc_can = self._has(AxisState.IPC_CAN_ERROR)
+        texts = [_STATE_FAULTS[AxisState.IPC_CAN_ERROR]] if ipc_can else []
+        return [*texts, RS422_FAULT] if self.rs422_error else texts
+
     def faults(self) -> list[str]:
         """Name every error bit, with what to do; empty exactly if not ``faulty``."""
         texts = [text for flag, text in _MOTOR_FAULTS.items() if self.errors & flag]
         texts += [text for flag, text in _STATE_FAULTS.items() if self.state & flag]
-        if self.error_condition and not texts and not self.rs422_error:
+        if self._has(AxisState.ERROR_CONDITION) and not texts and not self.rs422_error:
             texts.append(_UNNAMED_FAULT)
         return [*texts, RS422_FAULT] if self.rs422_error else texts
 
@@ -369,18 +352,17 @@ class Status:
         return all(axis.enabled for axis in self.axes)
 
     @property
-    def any_enabled(self) -> bool:
-        """One axis is enabled, or more."""
-        return any(axis.enabled for axis in self.axes)
-
-    @property
     def faulty(self) -> bool:
         """Any error bit of any axis is set."""
         return any(axis.faulty for axis in self.axes)
 
-    def faults(self) -> list[str]:
-        """Name every error bit of every axis, with what to do, as 'axis A: overcurrent: ...'."""
-        return [f'axis {name}: {text}' for name, axis in self.lettered() for text in axis.faults()]
+    def faults(self, letters: str = AXIS_LETTERS) -> list[str]:
+        """Name every error bit that concerns these axes, as 'axis A: overcurrent: ...'."""
+        return [
+            f'axis {name}: {text}'
+            for name, axis in self.lettered()
+            for text in (axis.faults() if name in letters else axis.shared_faults())
+        ]
 
     def warnings(self) -> list[str]:
         """Name the axes that report a warning."""
@@ -406,38 +388,18 @@ class Status:
     @classmethod
     def from_bytes(cls, frame: bytes, layout: Layout) -> Status:
         """Read a whole packet. :raises FrameError: if it is not a sound one."""
-        status: Status = cls.from_body(_body_of(frame, layout.status_size), layout)
-        return status
+        return cls.from_body(_body_of(frame, layout.status_size), layout)
 
     @classmethod
-    def from_body(cls, body: bytes, layout: Layout) -> Any:
+    def from_body(cls, body: bytes, layout: Layout) -> Status:
         """Read what a packet's header and check are around; reserved bits are ignored."""
-        status = _DraftStatus()
-        if layout is Layout.DUAL:
-            a_state, a_feedback, a_errors, b_state, b_feedback, b_errors = _STATUS_AXES.unpack(
-                body
-            )
-            axis_b = _axis_status(_STATES_B[b_state], b_feedback, b_errors)
-            status.axes = (_axis_status(_STATES_A[a_state], a_feedback, a_errors), axis_b)
-            status.padding = b''
-        else:
-            state, feedback, errors = _STATUS_AXIS.unpack_from(body)
-            status.axes = (_axis_status(_STATES_A[state], feedback, errors),)
-            padding = body[_STATUS_AXIS.size :]
-            status.padding = padding if any(padding) else b''
-        status.__class__ = cls
-        return status
-
-
-def _axis_status(state: AxisState, feedback: int, errors: int) -> Any:
-    axis = _DraftAxis()
-    axis.state, axis.feedback, axis.errors = state, feedback, _ERRORS[errors]
-    axis.__class__ = AxisStatus
-    return axis
-
-
-_DraftAxis = draft_of(AxisStatus)
-_DraftStatus = draft_of(Status)
+        state, feedback, errors = _STATUS_AXIS.unpack_from(body)
+        axis_a = AxisStatus(_STATES_A[state], feedback, _ERRORS[errors])
+        rest = body[_STATUS_AXIS.size :]
+        if layout is not Layout.DUAL:
+            return cls((axis_a,), rest if any(rest) else b'')
+        state, feedback, errors = _STATUS_AXIS.unpack(rest)
+        return cls((axis_a, AxisStatus(_STATES_B[state], feedback, _ERRORS[errors])))
 
 
 def _check_axes(count: int) -> None:

@@ -4,6 +4,7 @@
 """A session with a drive and a mux around it, built from packets written by hand."""
 
 from collections.abc import Callable
+import contextlib
 import math
 import struct
 from typing import Any
@@ -28,7 +29,7 @@ def crc(data: bytes) -> int:
 def status(
     state_a: int = 0, state_b: int = 0, *, feedback: tuple[int, int] = (0, 0), errors: int = 0
 ) -> bytes:
-    """Build a dual-axis status packet from the manual's table 4.3.2."""
+    """Build a dual-axis status packet from the manual's table 4.3.2; the errors are axis A's."""
     body = struct.pack('<BhBBhB', state_a, feedback[0], errors, state_b, feedback[1], 0)
     return b'\xf0\xf0' + body + crc(body).to_bytes(2, 'little')
 
@@ -90,7 +91,7 @@ class Rig:
         self.enable: bool | None = False
         self.estop: bool | None = False
         self.busy = False  # the line takes no packet
-        self._take(self.session.opened(self.now))
+        self.take(self.session.opened(self.now))
         if self.positions:
             self.tick(8)  # until statuses answer packets in position mode
             self.frames.clear()
@@ -99,23 +100,24 @@ class Rig:
     def positions(self) -> bool:
         return Mode.POSITION in [axis.mode for axis in self.session.settings.axes]
 
-    def _take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
+    def take(self, output: tuple[list[Any], list[bytes]]) -> list[bytes]:
+        """Keep events and packets, as a wire does; return the packets that went out."""
         self.events += output[0]
         if self.busy:
-            for frame in output[1]:
-                self.session.refused(frame, self.now)
             return []
-        self.frames += [(self.now, frame) for frame in output[1]]
+        for frame in output[1]:
+            self.session.sent(frame, self.now)
+            self.frames.append((self.now, frame))
         return output[1]
 
     def do(self, action: Callable[[], None]) -> list[bytes]:
         """Carry out a request and poll, as a wire does."""
         action()
-        return self._take(self.session.poll(self.now))
+        return self.take(self.session.poll(self.now))
 
     def hear(self, data: bytes) -> list[bytes]:
-        frames = self._take(self.session.receive(data, self.now))
-        return frames + self._take(self.session.poll(self.now))
+        frames = self.take(self.session.receive(data, self.now))
+        return frames + self.take(self.session.poll(self.now))
 
     def tick(self, count: int = 1) -> list[bytes]:
         """Let 10 ms pass with everything that the rig's attributes say."""
@@ -130,7 +132,7 @@ class Rig:
                 self.session.set_command(self.command, self.now)
             if self.enable is not None:
                 self.session.set_enable(self.enable, self.now)
-            self._take(self.session.poll(self.now))
+            self.take(self.session.poll(self.now))
         return [frame for _, frame in self.frames[start:]]
 
     def press(self) -> None:
@@ -186,3 +188,60 @@ class Rig:
         assert enabled
         assert all(fields(f) == ((True, False, 0), (True, False, 0)) for f in enabled)
         assert fields(self.tick(2)[-1])[0] == (True, False, 77)
+
+
+# A contract in rows: steps that are played.
+
+Step = Callable[[Rig], object] | dict[str, Any] | int | float | bytes
+
+
+def ask(name: str, *arguments: Any) -> Callable[[Rig], object]:
+    """Return a request of the node, and the poll that follows; it may be refused."""
+
+    def request(rig: Rig) -> None:
+        with contextlib.suppress(ValueError):
+            getattr(rig.session, name)(*arguments, rig.now)
+        poll(rig)
+
+    return request
+
+
+def quietly(name: str, *arguments: Any) -> Callable[[Rig], object]:
+    """Return a request that is not followed by a poll."""
+    return lambda rig: getattr(rig.session, name)(*arguments, rig.now)
+
+
+def poll(rig: Rig) -> None:
+    rig.do(lambda: None)
+
+
+def play(rig: Rig, *steps: Step) -> None:
+    """
+    Play steps: so many ticks (int), a pause without a call (float, s), bytes of the drive, what
+    drive and mux say from now on (dict), or anything else.
+    """
+    for step in steps:
+        if isinstance(step, int):
+            rig.tick(step)
+        elif isinstance(step, float):
+            rig.now += step
+        elif isinstance(step, bytes):
+            rig.hear(step)
+        elif isinstance(step, dict):
+            for name, value in step.items():
+                setattr(rig, name, value)
+        else:
+            step(rig)
+
+
+def interrupt(rig: Rig) -> None:
+    rig.session.interrupted('it was frozen', rig.now)
+    poll(rig)
+
+
+def close(rig: Rig) -> None:
+    rig.events += rig.session.closed(rig.now)
+
+
+def reopen(rig: Rig) -> None:
+    rig.take(rig.session.opened(rig.now))

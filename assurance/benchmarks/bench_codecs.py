@@ -141,21 +141,25 @@ def drive_session() -> dict[str, float]:
         for at in range(start, start + CHUNK):
             session.receive(frames[at], now)
 
+    def send() -> None:
+        for frame in session.poll(now)[1]:
+            session.sent(frame, now)
+
     session.opened(now)
     resting = (esi.AxisStatus(esi.AxisState(0), 0, esi.MotorError(0)),) * 2
     session.receive(esi.Status(resting).to_bytes(esi.Layout.DUAL), now)
     ask(False)
-    session.poll(now)
+    send()
     ask(True)
     now += 0.001
-    session.poll(now)
+    send()
     hear(0)
     assert session.phase is esi_session.Phase.ENABLED, session.inhibits(now)
     hearing, asking, sending = [], [], []
     for repeat in range(10 * REPEATS):
         now += 0.001
         asking.append(_timed(partial(ask, True)))
-        sending.append(_timed(partial(session.poll, now)))
+        sending.append(_timed(send))
         hearing.append(_timed(partial(hear, repeat * CHUNK % FRAMES)))
     assert session.phase is esi_session.Phase.ENABLED, session.inhibits(now)
     return {

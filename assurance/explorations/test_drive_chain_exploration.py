@@ -69,10 +69,10 @@ APART = (
     'memory', 'naming', 'of_arbiter', 'live', 'now', 'words', 'config', 'settings', 'counters',
     '_format', 'last_stop', '_reported_at', '_sent_at', '_gap_at', '_gap',
     '_saturated', 'refused_commands', 'saturations', '_own_gap', '_garbage_since', '_transition',
-    '_before', '_astray_since',
+    '_offered', '_astray_since', 'span',
 )  # fmt: skip
-UNNAMED = ('_quiet_until', '_stepped_at', 'status')
-OLD = {'': LINK, '_at': STEP, '_until': 0.0, '_next_send': 0.0}  # see Memory
+UNNAMED = ('_quiet_until', '_stepped_at', 'status', '_status')
+OLD = {'': LINK, '_at': STEP, '_until': 0.0, '_waits_until': 0.0, '_next_send': 0.0}  # see Memory
 
 
 class Motor:
@@ -192,7 +192,10 @@ class World(Remembered):
         if self.doing['drive'] != 'mute':
             self.heard['status'] = self.now
             self.session.receive(self.motor.status(self.doing['drive']), self.now)
-        self.motor.take(self.session.poll(self.now)[1], self.doing['drive'])
+        frames = self.session.poll(self.now)[1]
+        for frame in frames:
+            self.session.sent(frame, self.now)
+        self.motor.take(frames, self.doing['drive'])
         if self.session.estop:
             self.reset = self.pressed = False
 

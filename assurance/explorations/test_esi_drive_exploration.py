@@ -12,26 +12,66 @@ import pytest
 from assurance.explorer import visits_of
 from assurance.session_world import SessionWorld
 from esi_drive_bridge.protocol import Mode
-from esi_drive_bridge.session import Session
+from esi_drive_bridge.session import AxesVerdict, Session
 from stage.esi_drive_rig import axes, fields, IDLE, make_settings, RUNNING, status
 
 pytestmark = pytest.mark.computes
+# What the drive says of A and B: 1 enabled, 2 an error.
+STATES = {
+    'idle': (0, 0),
+    'running': (1, 1),
+    'half': (1, 0),
+    'fault': (2, 0),
+    'fault_b': (1, 2),
+}
 SAID = {
-    'idle': IDLE,
-    'running': RUNNING,
-    'half': status(1, 0),
-    'fault': status(2, errors=1),
+    **{name: status(*state) for name, state in STATES.items()},
     'damaged': RUNNING[:-1] + bytes((RUNNING[-1] ^ 1,)),
     'cut': RUNNING[:7],
     'silent': b'',
 }
-VALID = ('idle', 'running', 'half', 'fault')
-COMMANDS = {'rest': 0, 'run': 8, 'back': -8}
+assert (SAID['idle'], SAID['running']) == (IDLE, RUNNING)
+NONE = None, None
+COMMANDS: dict[str, tuple[float | None, ...]] = {  # of A and B
+    'rest': (0, 0),
+    'run': (8, -4),
+    'back': (-8, 4),
+    'bad': (math.nan, math.nan),
+    'alone': (8, None),
+    'bad_b': (8, math.nan),
+}
 GROWTH = 4  # counts a packet
 APART = (  # see Memory
-    '_reported_at', '_sent_at', '_gap_at', '_saturated', 'clears',
-    'refused_commands', 'saturations', '_gap', '_own_gap', '_astray_since', '_before',
+    '_reported_at', '_sent_at', '_gap_at', '_saturated', 'clears', '_offered',
+    'refused_commands', 'saturations', '_gap', '_own_gap', '_astray_since', 'span',
 )  # fmt: skip
+
+
+class Log:
+    """What axes that are enabled together may do, by what was said."""
+
+    def __init__(self, numbers: Sequence[int], enables: Sequence[str]) -> None:
+        self.numbers = tuple(numbers)
+        self.enables = tuple(enables)  # inputs that must all be true
+        self.asked: tuple[float | None, ...] = NONE  # of A and B
+        self.asked_at = -math.inf  # a command that makes sense
+        self.armed = False  # enable was false while all else held, and all holds since
+        self.may = False  # it has risen since
+        self.may_since = -math.inf
+        self.told = False  # a packet that went out has said so since
+        self.ran = False  # the drive was enabled since
+        self.rested = False  # and got a packet at rest since
+        self.packet = (False, False, 0)  # the newest that went out, of the first axis
+        self.offered = False  # the newest says enable, whether it went out or not
+        self.disabled_at = -math.inf  # since when packets say so
+
+    def fail(self) -> None:
+        self.may = self.armed = self.told = self.ran = self.rested = False
+        self.may_since = -math.inf
+
+    def says(self, said: str, bit: int) -> list[bool]:
+        """Return of each axis what the drive says."""
+        return [bool(STATES.get(said, (0, 0))[number] & bit) for number in self.numbers]
 
 
 class World(SessionWorld[Session]):
@@ -40,6 +80,7 @@ class World(SessionWorld[Session]):
     LINK, ENABLE = 3 * SessionWorld.STEP, 4 * SessionWorld.STEP
     FRESH = 2 * SessionWorld.STEP
     MODE = Mode.VELOCITY
+    AXES_ENABLE = 'together'
     CALM = {'drive': 'idle', 'estop': 'clear', 'command': 'run', 'enable': 'false', 'line': 'free'}
 
     def __init__(
@@ -52,13 +93,15 @@ class World(SessionWorld[Session]):
     ) -> None:
         settings = make_settings(
             axes=axes(self.MODE, slew_limit=GROWTH / self.STEP),
+            axes_enable=self.AXES_ENABLE,
             command_rate=1.0 / self.STEP,
             command_timeout=self.FRESH,
             link_timeout=self.LINK,
             enable_timeout=self.ENABLE,
             clear_timeout=self.ENABLE,
         )
-        old = {'': self.ENABLE, '_at': self.STEP, '_until': 0.0, '_next_send': 0.0}
+        old = {'': self.ENABLE, '_at': self.STEP}
+        old |= dict.fromkeys(('_until', '_waits_until', '_next_send'), 0.0)
         old |= {
             'heard_at': self.LINK,
             'asked_at': self.FRESH,
@@ -70,21 +113,16 @@ class World(SessionWorld[Session]):
             reads=reads,
             old=old,
             apart=APART,
-            unnamed=('status', '_next_send'),
+            unnamed=('status', '_status', '_next_send'),
         )
         self.clears = clears
         self.said = ''  # by the newest status
-        self.asked: dict[str, str] = {'estop': '', 'command': '', 'enable': ''}
+        self.logs = self.make_logs()
+        self.asked = {'estop': '', 'enable': '', 'enable_a': '', 'enable_b': ''}
         self.asked_at: dict[str, float] = dict.fromkeys(self.asked, -math.inf)
-        self.armed = False  # enable was false while all else held, and all holds since
-        self.may = False  # it has risen since
-        self.may_since = -math.inf
-        self.told = False  # a packet that went out has said so since
-        self.ran = False  # the drive was enabled since
-        self.rested = False  # and got a packet at rest since
-        self.packet = (False, False, 0)  # the newest that went out, of axis A
-        self.enables = False  # the newest says so, whether it went out or not
-        self.disabled_at = -math.inf  # since when packets say so
+
+    def make_logs(self) -> list[Log]:
+        return [Log((0, 1), ['enable'])]
 
     def possible(self) -> Iterator[str]:
         yield from super().possible()
@@ -95,53 +133,58 @@ class World(SessionWorld[Session]):
         if event == 'clear':
             self.session.clear_errors(self.now)
         elif event == 'plug':
-            self.disabled_at = -math.inf
+            for log in self.logs:
+                log.disabled_at = -math.inf
         super().step('' if event == 'clear' else event)
 
-    def fresh(self, name: str) -> bool:
-        return self.now - self.asked_at[name] < self.FRESH
+    def fresh(self, *names: str) -> bool:
+        return all(self.now - self.asked_at[name] < self.FRESH for name in names)
 
-    def sound(self) -> bool:
-        """Tell whether the drive demands no stop."""
-        disobeys = self.said in ('running', 'half') and self.now - self.disabled_at >= self.ENABLE
-        return self.vouched(self.LINK) and self.said != 'fault' and not disobeys
+    def disobeys(self, log: Log) -> bool:
+        return any(log.says(self.said, 1)) and self.now - log.disabled_at >= self.ENABLE
 
-    def allowed(self) -> bool:
+    def sound(self, *logs: Log) -> bool:
+        """Tell whether the drive demands no stop of these axes."""
+        faulty = any(any(log.says(self.said, 2)) for log in logs)
+        return self.vouched(self.LINK) and not faulty and not any(map(self.disobeys, self.logs))
+
+    def allowed(self, log: Log) -> bool:
         """Tell whether all but command and enable hold."""
-        return self.sound() and self.fresh('estop') and self.asked['estop'] == 'clear'
-
-    def fail(self) -> None:
-        self.may = self.armed = self.told = self.ran = self.rested = False
-        self.may_since = -math.inf
+        return self.sound(log) and self.fresh('estop') and self.asked['estop'] == 'clear'
 
     def lapse(self) -> None:
         self.watch()
-        waits = self.may and not self.ran
-        if waits and self.enables and self.now - self.may_since >= self.ENABLE + self.FRESH:
-            self.fail()
+        for log in self.logs:
+            waits = log.may and not log.ran
+            if waits and log.offered and self.now - log.may_since >= self.ENABLE + self.FRESH:
+                log.fail()
 
     def watch(self) -> None:
         """Note what holds no more."""
-        commanded = self.fresh('command') and self.asked['command'] in COMMANDS
-        lost = self.may and self.enables and not commanded
-        if not (self.allowed() and self.fresh('enable')) or lost:
-            self.fail()
+        for log in self.logs:
+            commanded = self.now - log.asked_at < self.FRESH
+            lost = log.may and log.offered and not commanded
+            if not (self.allowed(log) and self.fresh(*log.enables)) or lost:
+                log.fail()
 
     def hear(self, said: Sequence[str]) -> None:
         self.stop_said = self.heard_at is not None and self.now - self.heard_at >= self.LINK
-        told = self.told
+        told = [log.told for log in self.logs]
         data = b''.join(self.packet_of(each) for each in said)
         self.keep(self.session.receive(data, self.now))
         for each in said:
-            if each in VALID:
-                self.said, self.heard_at = each, self.now
-                if self.ran and each != 'running':
-                    self.fail()
-                self.watch()
-                self.ran |= told and self.enables and self.may and each == 'running'
-                if self.ran:
-                    self.may_since = -math.inf
-        self.stop_said |= 'fault' in said
+            if each not in STATES:
+                continue
+            self.said, self.heard_at = each, self.now
+            for log in self.logs:
+                if log.ran and not all(log.says(each, 1)):
+                    log.fail()
+            self.watch()
+            for log, was_told in zip(self.logs, told, strict=True):
+                log.ran |= was_told and log.offered and log.may and all(log.says(each, 1))
+                if log.ran:
+                    log.may_since = -math.inf
+        self.stop_said |= any(each in ('fault', 'fault_b') for each in said)
 
     def packet_of(self, said: str) -> bytes:
         """Return what the drive sends."""
@@ -150,10 +193,9 @@ class World(SessionWorld[Session]):
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
         events, frames = output
         for frame in frames:
-            self.enables = fields(frame)[0][0]
-            self.told |= self.enables and not self.busy
-            if self.busy:
-                self.session.refused(frame, self.now)
+            for log in self.logs:
+                log.offered = fields(frame)[log.numbers[0]][0]
+                log.told |= log.offered and not self.busy
         super().keep((events, [] if self.busy else frames))
 
     @property
@@ -163,7 +205,11 @@ class World(SessionWorld[Session]):
     def ask(self, name: str, what: str) -> None:
         both = {'blip': ['stop', 'clear'], 'gap': ['lost', 'clear'], 'edge': ['false', 'true']}
         for each in both.get(what, [what]):
-            if each != 'silent':
+            if each == 'silent':
+                continue
+            if name.startswith('enable'):
+                self.ask_enable(name, each)
+            else:
                 getattr(self, f'ask_{name}')(each)
 
     def ask_line(self, what: str) -> None:
@@ -172,36 +218,49 @@ class World(SessionWorld[Session]):
     def ask_estop(self, what: str) -> None:
         if what == 'lost':
             self.session.distrust(what, self.now)
-            self.fail()
+            for log in self.logs:
+                log.fail()
             return
         self.session.set_estop(what == 'stop', self.now)
         self.asked['estop'], self.asked_at['estop'] = what, self.now
         self.watch()
 
     def ask_command(self, what: str) -> None:
-        value = COMMANDS.get(what, math.nan)
+        values = COMMANDS[what]
         try:
-            self.session.set_command((value, -value / 2.0), self.now)
+            self.session.set_command(values, self.now)
         except ValueError:
-            assert what == 'bad'
-        self.asked['command'], self.asked_at['command'] = what, self.now
+            assert math.nan in values
+        for log in self.logs:
+            own = [values[number] for number in log.numbers]
+            if None not in own:
+                log.asked = values
+                log.asked_at = -math.inf if math.nan in own else self.now
         self.watch()
 
-    def ask_enable(self, what: str) -> None:
-        self.session.set_enable(what == 'true', self.now)
-        self.asked['enable'], self.asked_at['enable'] = what, self.now
-        if what == 'false':
-            self.fail()
-            self.armed = self.allowed()
-        elif self.armed:
-            self.may, self.armed, self.may_since = True, False, self.now
+    def ask_enable(self, name: str, what: str) -> None:
+        if name == 'enable':
+            self.session.set_enable(what == 'true', self.now)
+        else:
+            self.session.set_axis_enable('ab'.index(name[-1]), what == 'true', self.now)
+        self.asked[name], self.asked_at[name] = what, self.now
+        for log in self.logs:
+            if name not in log.enables:
+                continue
+            if any(self.asked[each] != 'true' for each in log.enables):
+                log.fail()
+                log.armed = self.allowed(log) and self.fresh(*log.enables)
+            elif log.armed:
+                log.may, log.armed, log.may_since = True, False, self.now
 
     def judge(self) -> None:
         self.watch()
         if self.heard_at is None or self.now - self.heard_at >= self.LINK:
             self.said, self.heard_at = '', None
         verdict = self.verdict
-        assert verdict.estop == (not self.sound()), f'after {self.said}: {verdict}'
+        assert verdict.estop == (not self.sound(*self.logs)), f'after {self.said}: {verdict}'
+        if isinstance(verdict, AxesVerdict):
+            assert verdict.axes == tuple(not self.sound(log) for log in self.logs)
         fresh = self.heard_at is not None and self.now - self.heard_at < self.LINK
         enabled = self.open and fresh and self.said == 'running'
         assert self.session.enabled == enabled, 'enabled'
@@ -210,8 +269,9 @@ class World(SessionWorld[Session]):
         assert self.frames or self.quiet(), 'no packet'
         for frame in self.frames:
             self.judge_frame(frame)
-            enables = fields(frame)[0][0]
-            self.disabled_at = math.inf if enables else min(self.disabled_at, self.now)
+            for log in self.logs:
+                enables = fields(frame)[log.numbers[0]][0]
+                log.disabled_at = math.inf if enables else min(log.disabled_at, self.now)
 
     def quiet(self) -> bool:
         """Tell whether no packet may go out."""
@@ -219,27 +279,44 @@ class World(SessionWorld[Session]):
 
     def judge_frame(self, frame: bytes) -> None:
         """See that a packet keeps to what is allowed; the newest one is of this moment."""
-        a, b = fields(frame)
-        enable, clear, value = a
-        assert a[:2] == b[:2], 'the axes are told different things'
+        for log in self.logs:
+            said = [fields(frame)[number] for number in log.numbers]
+            assert len({each[:2] for each in said}) == 1, 'the axes are told different things'
+            self.judge_axis(log, *said[0])
+            log.packet = said[0]
+
+    def judge_axis(self, log: Log, enable: bool, clear: bool, value: int) -> None:
         if enable:
-            assert self.may, f'enable, after {self.asked}, {self.said}'
+            assert log.may, f'enable, after {self.asked}, {self.said}'
             assert not clear
         if value:
-            asked = COMMANDS.get(self.asked['command'], 0)
+            asked = log.asked[log.numbers[0]] or 0
             assert enable, 'motion without enable'
-            assert self.ran, 'motion before the drive is enabled'
-            assert self.rested, 'the first packet after it is not at rest'
-            was = max(self.packet[2] * math.copysign(1, value), 0)
+            assert log.ran, 'motion before the drive is enabled'
+            assert log.rested, 'the first packet after it is not at rest'
+            was = max(log.packet[2] * math.copysign(1, value), 0)
             assert abs(value) <= was + GROWTH, 'a step'
             assert value * asked > 0, 'a direction that nobody asks for now'
             assert abs(value) <= max(abs(asked), was), 'more than is asked'
-        self.rested |= self.ran and enable
-        self.packet = a
+        log.rested |= log.ran and enable
 
     def revive(self) -> None:
         self.play('', '', 'enable true', '', 'drive running', '', '')
-        assert self.packet[2] > 0, f'no way to motion: {self.session.inhibits(self.now)}'
+        for log in self.logs:
+            assert log.packet[2], f'no way to motion: {self.session.inhibits(self.now)}'
+
+
+class EachWorld(World):
+    """The two axes apart: what is said of one leaves the other alone."""
+
+    AXES_ENABLE = 'each'
+    CALM = {**World.CALM, 'enable_a': 'true', 'enable_b': 'true'}
+
+    def __init__(self, **said: Any) -> None:
+        super().__init__(**{**said, 'enable_a': 'true', 'enable_b': said.get('enable_b', 'true')})
+
+    def make_logs(self) -> list[Log]:
+        return [Log((number,), ['enable', f'enable_{"ab"[number]}']) for number in (0, 1)]
 
 
 SCENES: dict[str, dict[str, Any]] = {
@@ -285,3 +362,40 @@ COUNTS: dict[str, tuple[int, int]] = {
     'busy': (8341, 69323),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
+EACH_SCENES: dict[str, dict[str, Any]] = {
+    'one axis': {
+        'drive': 'idle running half fault_b',
+        'estop': 'clear stop',
+        'command': 'run',
+        'enable': 'false true',
+    },
+    'one command': {
+        'drive': 'idle running',
+        'estop': 'clear',
+        'command': 'run alone bad_b',
+        'enable': 'false true',
+    },
+    'two enables': {
+        'drive': 'idle running',
+        'estop': 'clear',
+        'command': 'run',
+        'enable': 'false true',
+        'enable_b': 'true false silent',
+    },
+    'one cleared': {
+        'drive': 'idle fault_b running',
+        'estop': 'clear',
+        'command': 'run',
+        'enable': 'false true',
+        'clears': True,
+    },
+}
+EACH_COUNTS: dict[str, tuple[int, int]] = {
+    'one axis': (0, 0),
+    'one command': (0, 0),
+    'two enables': (0, 0),
+    'one cleared': (0, 0),
+}
+test_each_axis_near_the_start, test_each_axis = visits_of(
+    EachWorld, EACH_SCENES, EACH_COUNTS, near=200
+)

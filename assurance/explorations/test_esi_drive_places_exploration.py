@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
-from assurance.explorations.test_esi_drive_exploration import COMMANDS, GROWTH, VALID, World
+from assurance.explorations.test_esi_drive_exploration import COMMANDS, GROWTH, STATES, World
 from assurance.explorer import explore
 from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode
 from stage.esi_drive_rig import status
 
 pytestmark = pytest.mark.computes
-STATES = {'idle': (0, 0), 'running': (1, 1), 'half': (1, 0), 'fault': (2, 0)}
+RUN = 8  # what 'run' asks for
+assert COMMANDS['run'][0] == RUN
 
 
 class PlaceWorld(World):
@@ -39,7 +40,7 @@ class PlaceWorld(World):
 
     def packet_of(self, said: str) -> bytes:
         place = int(self.doing['place'])
-        if said in VALID:
+        if said in STATES:
             self.heard, self.on = place, STATES[said][0] == 1
             self.stood.add(place)
             self.ended *= self.on
@@ -53,7 +54,7 @@ class PlaceWorld(World):
 
     def judge(self) -> None:
         super().judge()
-        if self.frames and self.said in ('idle', 'fault') and not self.packet[0]:
+        if self.frames and self.said in ('idle', 'fault') and not self.logs[0].packet[0]:
             assert self.target == self.heard, 'it was moved by hand'
 
     def judge_frame(self, frame: bytes) -> None:
@@ -64,18 +65,20 @@ class PlaceWorld(World):
             self.judge_motion(a.value)
         else:
             self.judge_rest(a)
-        self.rested |= self.ran and a.enable
-        self.packet = (a.enable, a.clear_errors, a.value)
+        (log,) = self.logs
+        log.rested |= log.ran and a.enable
+        log.packet = (a.enable, a.clear_errors, a.value)
         self.stood.clear()
 
     def judge_motion(self, value: int) -> None:
         """See that the way to what is asked begins where the axis is, and has no step."""
-        assert self.may, f'enable, after {self.asked}, {self.said}'
+        (log,) = self.logs
+        assert log.may, f'enable, after {self.asked}, {self.said}'
         self.ended = 0
         if self.target != value:
             assert self.target is not None
-            nearer = abs(value - COMMANDS['run']) < abs(self.target - COMMANDS['run'])
-            follows = self.ran and nearer and abs(value - self.target) <= GROWTH
+            nearer = abs(value - RUN) < abs(self.target - RUN)
+            follows = log.ran and nearer and abs(value - self.target) <= GROWTH
             assert value in self.stood or follows
         self.target = value
 
@@ -94,7 +97,7 @@ class PlaceWorld(World):
 
     def revive(self) -> None:
         self.play('', '', 'enable true', '', 'drive running', '', '', '', '')
-        assert self.packet == (True, False, COMMANDS['run'])
+        assert self.logs[0].packet == (True, False, RUN)
 
 
 SCENES: dict[str, dict[str, Any]] = {

@@ -210,6 +210,8 @@ class CallbackTarget(Target):
             seen.add((number, node.refused > before))
             _, frames = session.poll(node.now)
             assert len(frames) < 200, 'more than a line carries'
+            for frame in frames:
+                session.sent(frame, node.now)
         return frozenset(seen)
 
     def kept(self) -> Any:

@@ -34,6 +34,7 @@ while it is set, and errors are cleared on request only.
 """
 
 from esi_drive_bridge.session.events import (
+    AxesVerdict,
     EnabledChanged,
     EnableRefused,
     Event,
@@ -41,12 +42,14 @@ from esi_drive_bridge.session.events import (
     Feedback,
     Stopped,
 )
-from esi_drive_bridge.session.session import CLEAR_ERRORS, FAREWELL_PACKETS, Phase, Session
+from esi_drive_bridge.session.group import Phase
+from esi_drive_bridge.session.session import CLEAR_ERRORS, FAREWELL_PACKETS, own_topic, Session
 from esi_drive_bridge.session.settings import Settings
 
 __all__ = [
     'CLEAR_ERRORS',
     'FAREWELL_PACKETS',
+    'AxesVerdict',
     'EnableRefused',
     'EnabledChanged',
     'Event',
@@ -56,4 +59,5 @@ __all__ = [
     'Session',
     'Settings',
     'Stopped',
+    'own_topic',
 ]

@@ -18,13 +18,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.protocol import AxisCommand, AxisStatus, Mode, Status
+from esi_drive_bridge.protocol import AxisCommand, AxisStatus, Mode
 
 
 class Places:
-    """The places of all axes, in counts; those of axes in other modes are 0."""
+    """The places of some axes, in counts; those of axes in other modes are 0."""
 
-    __slots__ = ('_blind', '_counts', '_measured', '_modes', '_none', 'any', 'told')
+    __slots__ = ('_blind', '_counts', '_measured', '_modes', '_none', '_told', 'any')
 
     def __init__(self, axes: Sequence[Axis]) -> None:
         self._modes = tuple(axis.mode for axis in axes)
@@ -35,7 +35,7 @@ class Places:
         self._blind = False  # velocity 0 was said: what comes may be no position
         self._measured = False  # all are, and not what was sent last
         self._none: tuple[None, ...] = (None,) * len(axes)
-        self.told: tuple[int | None, ...] = self._none  # see disable; set where it did not go out
+        self._told: tuple[int | None, ...] = self._none  # by the last packet, if measured
 
     @property
     def known(self) -> bool:
@@ -47,9 +47,9 @@ class Places:
         """Whether all are measured."""
         return self._measured or not self.any
 
-    def measure(self, status: Status) -> None:
+    def measure(self, axes: Sequence[AxisStatus]) -> None:
         """Take where axes stand, but for those that are enabled and told their place already."""
-        states = zip(self._modes, status.axes, self._counts, self.told, strict=True)
+        states = zip(self._modes, axes, self._counts, self._told, strict=True)
         self._counts = tuple(
             count if mode is not Mode.POSITION or self._stays(each, count, told) else each.feedback
             for mode, each, count, told in states
@@ -65,19 +65,22 @@ class Places:
         """Take where motion ends. :param measured: it is, and not what was sent last."""
         pairs = zip(self._modes, counts, strict=True)
         self._counts = tuple(count if mode is Mode.POSITION else 0 for mode, count in pairs)
-        self._measured, self.told = measured and self.any, self._none
+        self._measured, self._told = measured and self.any, self._none
 
     def doubt(self) -> None:
         """Note that nothing was heard for a while."""
-        self._measured, self.told = False, self._none
+        self._measured, self._told = False, self._none
 
     def disable(self, clear_errors: bool) -> tuple[AxisCommand, ...]:
-        """Return what a packet says."""
-        self._blind = not self.known
-        self.told = self._counts if self._measured else self._none
+        """Return what a packet says; see ``sent``."""
         return tuple(
             AxisCommand(False, clear_errors, Mode.VELOCITY)
             if count is None
             else AxisCommand(False, clear_errors, mode, count)
             for mode, count in zip(self._modes, self._counts, strict=True)
         )
+
+    def sent(self) -> None:
+        """Note that what ``disable`` returned went out."""
+        self._blind = not self.known
+        self._told = self._counts if self._measured else self._none

@@ -29,7 +29,7 @@ class Ramp:
     :param max_dt: seconds, the longest step; what a late packet has missed is not made up for.
     """
 
-    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_values', 'begun', 'falls')
+    __slots__ = ('_at', '_limits', '_max_dt', '_modes', '_offered', '_values', 'begun', 'falls')
 
     def __init__(self, axes: Sequence[Axis], max_dt: float) -> None:
         self._limits = tuple(axis.slew_limit / abs(axis.si_per_count) for axis in axes)
@@ -48,15 +48,7 @@ class Ramp:
         """Let the next packet say ``rest``, whatever is asked for."""
         self._values: tuple[float, ...] = tuple(rest)
         self._at = math.inf  # of the last packet; infinite: none yet
-
-    @property
-    def state(self) -> tuple[tuple[float, ...], float, bool]:
-        """What the last packet said and when; set where a later one did not go out."""
-        return self._values, self._at, self.begun
-
-    @state.setter
-    def state(self, state: tuple[tuple[float, ...], float, bool]) -> None:
-        self._values, self._at, self.begun = state
+        self._offered = self._values, self._at
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -64,11 +56,18 @@ class Ramp:
         return tuple(map(round, self._values))
 
     def step(self, goals: tuple[int, ...], now: float) -> tuple[int, ...]:
-        """Return what a packet that goes ``now`` says on the way to ``goals``."""
+        """Return what a packet says on the way to ``goals``, if it goes ``now``; see ``sent``."""
         dt = min(max(now - self._at, 0.0), self._max_dt)
-        self._at, self.begun = now, True
-        if self._values == goals:  # as most of the time
-            return goals
+        values = goals if self._values == goals else self._nearer(goals, dt)  # most of the time
+        self._offered = values, now
+        return tuple(map(round, values))
+
+    def sent(self) -> None:
+        """Go on from what the newest step returned: it went out."""
+        self._values, self._at = self._offered
+        self.begun = True
+
+    def _nearer(self, goals: tuple[int, ...], dt: float) -> tuple[float, ...]:
         mosts = [
             0.0 if not dt or (falls and mode is not Mode.POSITION) else limit * dt
             for limit, falls, mode in zip(self._limits, self.falls, self._modes, strict=True)
@@ -77,11 +76,10 @@ class Ramp:
         shares = tuple(map(_share, starts, goals, mosts))
         together = zip(shares, self._modes, strict=True)
         least = min((share for share, mode in together if mode is Mode.VELOCITY), default=1.0)
-        self._values = tuple(
+        return tuple(
             goal - (1.0 - (least if mode is Mode.VELOCITY else share)) * (goal - start)
             for start, goal, share, mode in zip(starts, goals, shares, self._modes, strict=True)
         )
-        return self.counts
 
 
 def _start(value: float, goal: float, mode: Mode) -> float:

@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from esi_drive_bridge.axes import Axis
-from esi_drive_bridge.protocol import RS422_FAULT, Status, VALUE_MAX
+from esi_drive_bridge.protocol import AxisStatus, RS422_FAULT, Status, VALUE_MAX
 
+Lettered = Iterable[tuple[str, AxisStatus]]  # axes with their letters in the manual
 _NEAR = VALUE_MAX // 100  # counts between sent and measured that are always near enough
 
 THEN_CLEAR = 'then call ~/clear_errors, as the drive keeps its errors until it is asked'
@@ -40,13 +41,13 @@ def held_back(axes: Sequence[Axis], sent: Sequence[int], wanted: Sequence[int]) 
     return ', '.join(texts) or 'none'
 
 
-def astray(axes: Sequence[Axis], sent: Sequence[int], status: Status) -> list[str]:
+def astray(axes: Sequence[Axis], sent: Sequence[int], measured: Lettered) -> list[str]:
     """Name the axes that measure something else than they are told, as in another mode."""
     return [
         f'check that mode and scale of {axis.joint} are as in HiDS, and that nothing holds it: '
         f'axis {name} measures {each.feedback * axis.si_per_count:.3g} {axis.unit}, and is told '
         f'{count * axis.si_per_count:.3g}'
-        for axis, count, (name, each) in zip(axes, sent, status.lettered(), strict=True)
+        for axis, count, (name, each) in zip(axes, sent, measured, strict=True)
         if abs(each.feedback - count) > max(_NEAR, abs(count) // 2)
     ]
 
@@ -68,7 +69,7 @@ def second_axis(status: Status) -> list[str]:
     ]
 
 
-def still_enabled(status: Status, limit: float | None) -> list[str]:
+def still_enabled(measured: Lettered, limit: float | None) -> list[str]:
     """
     Name the axes that are enabled, and should not be.
 
@@ -82,6 +83,6 @@ def still_enabled(status: Status, limit: float | None) -> list[str]:
     return [
         f'cut the power of axis {name}, then check our pair to the drive, and who else commands '
         f'it: it is {what}'
-        for name, axis in status.lettered()
+        for name, axis in measured
         if axis.enabled
     ]

@@ -30,6 +30,7 @@ class Settings(CheckedSettings):
     TABLE = _TABLE
     axes: tuple[Axis, ...]
     layout: Layout
+    axes_enable: str = _TABLE['axes_enable'].default
     baud: int = _TABLE['baud'].default
     command_rate: float = _TABLE['command_rate'].default
     command_timeout: float = _TABLE['command_timeout'].default
@@ -43,6 +44,13 @@ class Settings(CheckedSettings):
         super().__post_init__()
         if len(self.axes) != self.layout.axes:
             raise ValueError(f'layout {self.layout.value} has {self.layout.axes} axes')
+        if self.is_each and len(self.axes) == 1:
+            raise ValueError('axes_enable = each: two names are needed in joint_names, not 1')
+
+    @property
+    def is_each(self) -> bool:
+        """Whether each axis is enabled, stopped and cleared by itself."""
+        return self.axes_enable == 'each'
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Settings:

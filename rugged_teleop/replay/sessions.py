@@ -133,7 +133,7 @@ def _course(
         end = until if piece is None or piece.at is None else piece.at
         while session.deadline() <= end and now + _STEP <= end:
             now = max(now + _STEP, session.deadline())
-            session.poll(now)
+            _poll(session, now)
             yield now, session.verdict
         if piece is not None:
             now = max(now, end)
@@ -142,8 +142,14 @@ def _course(
                 data = CanFrame(piece.identifier, piece.data)
             events, _ = session.receive(data, now)
             yield from ((now, e.verdict) for e in events if isinstance(e, StopChanged))
-            session.poll(now)
+            _poll(session, now)
             yield now, session.verdict
+
+
+def _poll(session: Any, now: float) -> None:
+    """Poll, and let the line take all that is due."""
+    for frame in session.poll(now)[1]:
+        session.sent(frame, now)
 
 
 def _settled(recorded: Track, replayed: Track, tolerance: float) -> float:

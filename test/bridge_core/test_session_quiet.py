@@ -91,7 +91,9 @@ def told(session: Session[Any, Any, Any], step: Ask, now: float) -> Any:
         answer = step(session, now)
     except ValueError as error:
         answer = str(error)
-    polled = session.poll(now) if now % 2 < 1 else ()
+    polled = session.poll(now) if now % 2 < 1 else ([], [])
+    for frame in polled[1]:
+        session.sent(frame, now)
     state = (session.verdict, session.verdict.reasons, session.deadline(), session.counters)
     return answer, polled, repr(state), session.problems(now), session.inhibits(now)
 
@@ -162,7 +164,8 @@ def test_repeated_status_of_a_drive_in_motion_needs_no_judgement() -> None:
     for step in (ask('set_enable', True), ask('set_command', [0.0, 0.0])):
         step(session, START)
     now = START + _ENABLING_PAUSE
-    session.poll(now)
+    for frame in session.poll(now)[1]:
+        session.sent(frame, now)
     hears(esi.RUNNING)(session, now)
     assert session.phase is Phase.ENABLED
     (status,) = session._decoder.feed(MEASURED[0], now)

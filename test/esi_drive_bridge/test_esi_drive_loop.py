@@ -4,95 +4,13 @@
 """The session with the simulated drive, in simulated time."""
 
 from itertools import pairwise
-import random
-from typing import Any
 
 import pytest
 
-from bridge_core.session import Answer
 from esi_drive_bridge.protocol import Layout, Mode
-from esi_drive_bridge.session import Feedback, Phase, Session
-from esi_drive_bridge.simulator import Simulator
-from rugged_teleop.faults import FaultyLine
-from stage.esi_drive_rig import axes as both, make_settings, TICK
-
-
-class Loop:
-    """Session and simulator, joined by two wires, with a mux at 100 Hz."""
-
-    def __init__(
-        self,
-        *,
-        compact: bool = False,
-        enable_delay: float = 0.02,
-        disable_delay: float = 0.0,
-        **changes: Any,
-    ) -> None:
-        layout = changes.get('layout', Layout.DUAL)
-        self.drive = Simulator(
-            axes=layout.axes,
-            compact=compact,
-            status_rate=200.0,
-            enable_delay=enable_delay,
-            disable_delay=disable_delay,
-        )
-        self.line = FaultyLine(random.Random(1))  # from the drive
-        self.session = Session(make_settings(**changes))
-        self.axes = layout.axes
-        self.now = 50.0
-        self.events: list[Any] = []
-        self.enable = self.estop = False
-        self.mux_alive = True
-        self.command = 0.0
-        self.heard: list[int] = []  # by motor A while it is enabled, in counts
-        self._mux_at = self.now
-        self._send(self.session.opened(self.now))
-
-    def _send(self, output: tuple[list[Any], list[bytes]]) -> None:
-        self.events += output[0]
-        for frame in output[1]:
-            enabled = self.motor_enabled
-            self.drive.receive(frame, self.now)
-            if enabled and self.motor_enabled:
-                self.heard.append(self.drive.describe()['command'][0])  # type: ignore[index]
-
-    def run(self, seconds: float) -> None:
-        end = self.now + seconds
-        while True:
-            due = min(self.session.deadline(), self.drive.deadline(), self._mux_at)
-            if due > end:
-                self.now = end
-                return
-            self.now = max(due, self.now)
-            for packet in self.drive.poll(self.now):
-                self.line.put(packet, self.now)
-            for packet in self.line.take(self.now):
-                self._send(self.session.receive(packet, self.now))
-            if self.now >= self._mux_at:
-                self._mux_at += TICK
-                self._mux()
-            self._send(self.session.poll(self.now))
-
-    def _mux(self) -> None:
-        if self.mux_alive:
-            self.session.set_estop(self.estop, self.now)
-            self.session.set_command((self.command,) * self.axes, self.now)
-            self.session.set_enable(self.enable, self.now)
-
-    def drive_at(self, value: float) -> None:
-        self.enable = False
-        self.run(0.1)
-        self.enable, self.command = True, value
-        self.run(1.0)
-
-    @property
-    def rpm(self) -> float:
-        rpm: Any = self.drive.describe()['rpm']
-        return float(rpm[0])
-
-    @property
-    def motor_enabled(self) -> bool:
-        return bool(self.drive.describe()['enabled'][0])  # type: ignore[index]
+from esi_drive_bridge.session import Feedback, Phase
+from stage.esi_drive_loop import Loop
+from stage.esi_drive_rig import axes as both, TICK
 
 
 @pytest.mark.parametrize(
@@ -128,34 +46,6 @@ def test_a_dead_mux_stops_the_motor_within_120_ms() -> None:
     loop.mux_alive = True
     loop.run(1.0)
     assert abs(loop.rpm) < 1.0
-
-
-def test_a_fault_of_the_drive_needs_clear_then_a_new_edge() -> None:
-    loop = Loop()
-    loop.drive_at(800.0)
-    loop.drive.apply('fault a overspeed pulse')
-    loop.run(0.05)
-    assert loop.session.estop
-    assert not loop.motor_enabled
-    loop.drive_at(800.0)
-    assert not loop.motor_enabled
-    loop.session.clear_errors(loop.now)
-    loop.run(0.1)
-    assert Answer('clear_errors', True, 'the errors are cleared') in loop.events
-    assert not loop.motor_enabled
-    loop.drive_at(800.0)
-    assert loop.rpm == pytest.approx(800.0, rel=0.01)
-
-
-def test_a_lasting_cause_cannot_be_cleared() -> None:
-    loop = Loop()
-    loop.drive.apply('fault b motor_temp on')
-    loop.run(0.1)
-    loop.session.clear_errors(loop.now)
-    loop.run(1.5)
-    (result,) = [event for event in loop.events if isinstance(event, Answer)]
-    assert not result.success
-    assert 'axis B: motor temperature' in result.text
 
 
 @pytest.mark.parametrize(
@@ -236,19 +126,3 @@ def test_a_slow_drive_is_told_to_start_from_rest_and_never_to_step(
         assert max(steps) <= 2000.0 * TICK + 1
         assert loop.heard[-1] == goal
         assert loop.session.enabled
-
-
-def test_a_cable_cut_for_longer_than_the_drives_time_out_needs_a_new_edge() -> None:
-    """Short enough for us: the drive is back, and hears enable, before silence is a stop."""
-    loop = Loop()
-    loop.drive_at(800.0)
-    for line in ('deaf on', 'mute on'):
-        loop.drive.apply(line)
-    loop.run(0.15)
-    for line in ('deaf off', 'mute off'):
-        loop.drive.apply(line)
-    loop.heard.clear()
-    loop.run(1.0)
-    assert loop.heard == []
-    assert loop.session.phase is Phase.DISABLED
-    assert not loop.motor_enabled

@@ -11,151 +11,30 @@ import math
 import os
 from pathlib import Path
 import re
-from signal import SIGCONT, SIGSTOP
+from signal import SIGCONT, SIGKILL, SIGSTOP, SIGTERM
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator
-from stage.devices import Drive
 from stage.endings import each_ending
+from stage.esi_drive_bench import Bench, command, DEVICE, LINK, STALE
 from stage.esi_drive_rig import status
 from stage.rig import latched, NodeProcess, Observer, ROOT
-from stage.run_delay import HELD_UP, RunDelay
-from stage.talkers import Diagnostics, namespace, Talker
+from stage.run_delay import RunDelay
+from stage.talkers import namespace, Talker
+from stage.toy_rig import wires_of
 
 pytestmark = pytest.mark.waits(100)
-NAME = 'esi_drive_bridge'
-LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 COMMAND_TIMEOUT = 0.1
-STALE = 0.3  # a stale input is acted on well within this
-GAP = 1.0  # s; longer than a busy machine holds a drive's status up
 DOUBLED = 'stop one of the two publishers'
 RPM = 2.0 * math.pi / 60.0  # rad/s
 _FILE = ROOT / 'test/vectors/esi.json'
 VECTORS = json.loads(_FILE.read_text())
-
-
-def command(*values: float, names: tuple[str, ...] = ('left', 'right')) -> JointState:
-    return JointState(name=list(names), velocity=[float(value) for value in values])
-
-
-class Bench:
-    """One bridge on one simulated drive, with the three inputs that a mux would give."""
-
-    def __init__(
-        self,
-        folder: Path,
-        observer: Observer,
-        simulator: Simulator | None = None,
-        terminal: int | None = None,
-        patient: bool = True,
-        **parameters: Any,
-    ) -> None:
-        self.observer = observer
-        self.drive = Drive(folder / 'drive', simulator)
-        space = namespace()
-        self.name = f'{space}/{NAME}'
-        self.node = NodeProcess(
-            f'{NAME}.node',
-            {'port': self.drive.path, 'slew_limit': [1e6], 'link_timeout': GAP, **parameters},
-            namespace=space,
-            terminal=terminal,
-            patient=patient,
-        )
-        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
-        self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
-        self.joints = observer.record(JointState, f'{self.name}/joint_states')
-        self.diagnostics = Diagnostics(observer, self.name)
-        self.command = Talker(observer, JointState, f'{self.name}/command', command(0, 0))
-        self.enable = Talker(observer, Bool, f'{self.name}/enable')
-        self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
-        self.delay = RunDelay([self.node.process.pid])  # since the drive was enabled
-
-    @property
-    def inputs(self) -> tuple[Talker, Talker, Talker]:
-        return self.command, self.enable, self.estop_in
-
-    def start_anew(self) -> None:
-        """Have a fresh drive, disabled, all inputs fresh and clear, and enable false."""
-        self.drive.exchange(Simulator(command_timeout=1.0))  # a busy machine is no wiring fault
-        self.command.message = command(0, 0)
-        self.quiet()
-
-    def quiet(self) -> None:
-        """Have all inputs fresh and clear, enable false, and the drive hear of it."""
-        self.enable.message = self.estop_in.message = Bool(data=False)
-        for talker in self.inputs:
-            talker.resume()
-        self.wait(lambda: self.estop.last is not None and not self.estop.last.data, 'no stop')
-        self.wait(lambda: not self.drive.enabled, 'a disabled drive')
-        # What comes next has to be a new edge of enable, so let this false be heard.
-        self.wait(
-            lambda: all(t.publisher.get_subscription_count() for t in self.inputs), 'a listener'
-        )
-        self.holds(lambda: True, 0.2)
-
-    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
-        return self.observer.wait_for(condition, timeout, what)
-
-    def holds(self, condition: Any, duration: float) -> None:
-        self.observer.holds_for(condition, duration)
-
-    def problems(self) -> str:
-        """Return what the newest diagnostic of the device says is wrong now, and not last time."""
-        status = self.diagnostics.status(DEVICE)
-        return '' if status is None else str(status.message.partition('last stop: ')[0])
-
-    def enabling(self, until: Callable[[], bool] = lambda: True) -> None:
-        """
-        Give edges of enable until the drive follows: an input that stalls undoes an edge.
-
-        :param until: what then holds of the drive, unless an input stalls once more.
-        """
-        pressed_at = time.monotonic()
-
-        def is_enabled() -> bool:
-            nonlocal pressed_at
-            follows = self.drive.enabled and self.enabled.last.data is True
-            age = time.monotonic() - pressed_at
-            if follows or age > 2.2:
-                pressed_at = time.monotonic()
-            self.enable.message = Bool(data=follows or age < 2.0)
-            return follows and until()
-
-        self.enable.message = Bool(data=True)
-        self.wait(is_enabled, 'an enabled drive')
-        self.delay = RunDelay([self.node.process.pid])
-
-    def commands(self, *counts: int) -> bool:
-        """Tell whether the newest packet enables and has these values."""
-        packet = self.drive.packets(time.monotonic() - 0.1)[-1:]
-        return bool(packet) and packet[0].enables and packet[0].values == counts
-
-    def stopped_since(self, cause: float, within: float = STALE) -> None:
-        """See the first disable packet come in time, with 0, and none that enables after it."""
-        self.wait(lambda: self.drive.first_disable(cause), 'a disable packet')
-        packet = self.drive.first_disable(cause)
-        assert packet is not None
-        assert packet.time - cause <= self.delay.allowed(within)
-        assert packet.values == (0, 0)
-        self.holds(lambda: not any(p.enables for p in self.drive.packets(packet.time)), 0.3)
-
-    def inhibits(self) -> str:
-        """Return why the newest diagnostic says disabled, without what was so at the last stop."""
-        return self.value('disabled because').partition('last stop: ')[0]
-
-    def value(self, key: str) -> str:
-        return self.diagnostics.value(DEVICE, key)
-
-    def close(self) -> None:
-        self.node.__exit__(None, None, None)
-        self.drive.close()
 
 
 @pytest.fixture(scope='module')
@@ -181,13 +60,6 @@ def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
     frame = bytes.fromhex(entry['hex'])
     since = time.monotonic()
     bench.enabling(lambda: frame in b''.join(c.data for c in bench.drive.received(since)))
-
-
-def test_joints_are_found_by_name_in_any_order_and_without_names_in_ours(bench: Bench) -> None:
-    bench.command.message = command(10 * RPM, 20 * RPM, names=('right', 'left'))
-    bench.enabling(until=lambda: bench.commands(20, 10))
-    bench.command.message = command(30 * RPM, 40 * RPM, names=())
-    bench.enabling(until=lambda: bench.commands(30, 40))
 
 
 def test_enable_held_from_the_start_enables_nothing(bench: Bench) -> None:
@@ -219,32 +91,12 @@ def test_input_that_falls_silent_disables_and_its_return_does_not_enable(
     bench.enabling()
 
 
-def test_estop_in_disables_at_once_and_its_end_does_not_enable(bench: Bench) -> None:
-    bench.enabling()
-    bench.estop_in.message = Bool(data=True)
-    bench.estop_in.say()
-    bench.stopped_since(time.monotonic())
-    moment = time.monotonic()
-    bench.estop_in.message = Bool(data=False)
-    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
-
-
 def test_estop_in_and_its_release_in_one_breath_still_stop(bench: Bench) -> None:
     bench.enabling()
     cause = time.monotonic()
     bench.estop_in.publisher.publish(Bool(data=True))
     bench.estop_in.publisher.publish(Bool(data=False))
     bench.stopped_since(cause)
-
-
-def test_enable_false_and_true_in_one_breath_passes_through_disable(bench: Bench) -> None:
-    bench.command.message = command(10 * RPM, 10 * RPM)
-    bench.enabling()
-    cause = time.monotonic()
-    bench.enable.publisher.publish(Bool(data=False))
-    bench.enable.publisher.publish(Bool(data=True))
-    bench.wait(lambda: bench.drive.first_disable(cause), 'a disable packet')
-    bench.enabling()
 
 
 @pytest.mark.parametrize(
@@ -278,22 +130,6 @@ def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
     bench.command.message = command(0, 0)
     bench.quiet()
     bench.enabling()
-
-
-def test_command_beyond_16_bits_is_held_there_and_counted(bench: Bench) -> None:
-    before = int(bench.value('saturated commands') or 0)
-    bench.command.message = command(1e9, -1e9)
-    bench.enabling(until=lambda: bench.commands(32767, -32767))
-    bench.wait(lambda: int(bench.value('saturated commands') or 0) > before, 'the count', 5.0)
-
-
-def test_packets_never_stop_while_the_port_is_open(bench: Bench) -> None:
-    for talker in bench.inputs:
-        talker.pause()
-    for _ in range(5):
-        moment = time.monotonic()
-        bench.wait(lambda moment=moment: len(bench.drive.packets(moment)) > 5, 'packets', 2.0)
-        assert not any(packet.enables for packet in bench.drive.packets(moment))
 
 
 def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
@@ -386,41 +222,6 @@ def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> N
     bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
 
 
-def test_enabled_is_repeated_without_a_change(bench: Bench) -> None:
-    bench.enabling()
-    bench.enabled.clear()
-    bench.wait(lambda: len(bench.enabled.data) > 5 or False in bench.enabled.data, 'repeats')
-    assert all(bench.enabled.data) or bench.delay.exceeds(0.1)
-
-
-def test_every_error_bit_is_named_and_a_stop(bench: Bench) -> None:
-    for name, words in (
-        ('overvoltage', 'overvoltage'),
-        ('undervoltage', 'undervoltage'),
-        ('overcurrent', 'overcurrent'),
-        ('loss_of_feedback', 'feedback'),
-        ('overspeed', 'overspeed'),
-        ('motor_temp', 'motor'),
-        ('internal_temp', 'internal'),
-        ('brake', 'brake'),
-        ('current_cal', 'current'),
-        ('logic_fault', 'logic'),
-        ('ipc_can', 'CAN'),
-    ):
-        bench.drive.apply(f'fault b {name} on')
-        bench.wait(lambda: bench.estop.last.data, f'a stop for {name}')
-
-        def is_told(words: str = words) -> bool:
-            """Tell whether it is; that the wire was held up is told before it."""
-            status = bench.diagnostics.status(DEVICE)
-            is_error = status.level == DiagnosticStatus.ERROR and 'axis B' in status.message
-            return is_error and words.lower() in bench.value('axis B (right) errors').lower()
-
-        bench.wait(is_told, f'{name} in diagnostics: {bench.value("axis B (right) errors")}', 5.0)
-        bench.drive.exchange(Simulator(command_timeout=1.0))
-        bench.wait(lambda: not bench.estop.last.data, 'no stop')
-
-
 def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
     every = bench.observer.record(Bool, f'{bench.name}/estop', 100)
     bench.wait(lambda: every.data[-1:] == [False], 'no stop')
@@ -456,28 +257,7 @@ def test_flickering_fault_is_logged_once_a_second_and_the_last_word_stands(bench
         bench.wait(lambda p=pattern: 'any more' in said_of(p)[-1], 'the last word')
 
 
-def test_warning_bit_is_a_warning_and_no_stop(bench: Bench) -> None:
-    bench.enabling()
-    bench.drive.apply('fault a warning on')
-    bench.wait(lambda: bench.value('axis A (left) warning') == 'true', 'the warning', 5.0)
-    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
-    assert bench.drive.enabled or bench.delay.exceeds(0.1)  # an input that stalls disables
-    bench.wait(lambda: not bench.estop.last.data, 'no stop')
-
-
 # Clearing errors.
-
-
-def test_clear_errors_without_an_error_says_so(bench: Bench) -> None:
-    def answer() -> Any:
-        delay = RunDelay([bench.node.process.pid])
-        reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=5)
-        if not reply.success:  # only where the machine held the drive's status up
-            assert 'no status' in reply.message
-            assert delay.exceeds(HELD_UP)
-        return reply if reply.success else None
-
-    assert 'no error' in bench.wait(answer, 'the answer').message
 
 
 def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
@@ -490,22 +270,6 @@ def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
     assert bench.observer.call(Trigger, f'{bench.name}/clear_errors').success
     bench.wait(lambda: not bench.estop.last.data, 'no stop')
     assert not bench.drive.enabled
-
-
-def test_clear_errors_never_happens_by_itself(bench: Bench) -> None:
-    bench.drive.apply('fault a overspeed pulse')  # latched, without a cause any more
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    bench.enable.message = Bool(data=True)
-    bench.holds(lambda: bench.estop.last.data and not bench.drive.enabled, 0.5)
-    assert not any(packet.flags[0] & 2 for packet in bench.drive.packets())
-
-
-def test_clear_errors_of_a_silent_drive_fails_with_the_reason(bench: Bench) -> None:
-    bench.drive.apply('mute on')
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    reply = bench.observer.call(Trigger, f'{bench.name}/clear_errors', tries=3)
-    assert not reply.success
-    assert 'no status from the drive' in reply.message
 
 
 def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None:
@@ -532,21 +296,6 @@ def test_single_axis_drive_moves_in_both_layouts(
         bench.quiet()
         bench.enabling(until=lambda: bench.joints.last.velocity[0] > 50.0 * RPM)
         assert list(bench.joints.last.name) == ['winch']
-    finally:
-        bench.close()
-
-
-def test_wrong_single_axis_layout_is_a_stop_that_names_the_parameter(
-    tmp_path: Path, observer: Observer
-) -> None:
-    simulator = Simulator(axes=1, compact=True)
-    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'])
-    try:
-        bench.wait(lambda: bench.diagnostics.status(LINK) is not None, 'diagnostics')
-        bench.wait(
-            lambda: 'single_axis_layout' in bench.diagnostics.status(LINK).message, 'the hint', 5.0
-        )
-        bench.wait(lambda: bench.estop.last and bench.estop.last.data, 'a stop')
     finally:
         bench.close()
 
@@ -702,11 +451,77 @@ def test_terminal_that_goes_on_shows_what_was_said_meanwhile(
         os.close(ours)
 
 
-def test_line_too_slow_for_its_rates_is_warned_of(tmp_path: Path, observer: Observer) -> None:
-    bench = Bench(tmp_path, observer, status_rate=1000.0, baud=115200)
+# Axes apart, and positions.
+
+
+def test_node_on_a_port_stops_and_clears_one_axis_alone(
+    tmp_path: Path, observer: Observer
+) -> None:
+    bench = Bench(tmp_path, observer, axes_enable='each')
+    own = [Talker(observer, Bool, f'{bench.name}/axis_{axis}/enable') for axis in 'ab']
+    estops, enabled = (
+        [observer.record(Bool, f'{bench.name}/axis_{axis}/{what}', latched()) for axis in 'ab']
+        for what in ('estop', 'enabled')
+    )
+
+    def moves(*axes: bool) -> bool:
+        packet = bench.drive.packets(time.monotonic() - 0.1)[-1:]
+        return bool(packet) and [bool(flags & 1) for flags in packet[0].flags] == list(axes)
+
     try:
-        bench.wait(lambda: bench.diagnostics.status(DEVICE) is not None, 'diagnostics')
-        # 12 bytes of 10 bits a thousand times a second are 120000 bit/s.
-        bench.wait(lambda: '120000 bit/s' in bench.diagnostics.status(DEVICE).message, 'it', 5.0)
+        bench.command.message = command(100 * RPM, 100 * RPM)
+        for talker in own:
+            talker.message = Bool(data=True)
+            talker.resume()
+        bench.quiet()
+        bench.enabling(until=lambda: moves(True, True))
+        bench.drive.apply('fault b brake on')
+        bench.wait(lambda: estops[1].last.data and bench.estop.last.data, 'a stop of B')
+        bench.wait(lambda: moves(True, False), 'axis A alone')
+        assert not estops[0].last.data or bench.delay.exceeds(0.1)
+        bench.wait(lambda: not enabled[1].last.data, 'B is not enabled')
+        assert not bench.enabled.last.data
+        bench.drive.apply('fault b brake off')
+        reply = observer.call(Trigger, f'{bench.name}/axis_b/clear_errors', tries=5)
+        assert reply.success
+        bench.wait(lambda: not bench.estop.last.data and not estops[1].last.data, 'no stop')
+        bench.enabling(until=lambda: moves(True, True))
+    finally:
+        bench.close()
+
+
+GOAL = 3.0  # rad
+_PROCESS_ENDS: dict[str, Callable[[Bench], object]] = {
+    'e-stop': lambda bench: setattr(bench.estop_in, 'message', Bool(data=True)),
+    'wire killed': lambda bench: os.kill(wires_of(bench.node.process.pid)[0], SIGKILL),
+    'inactive': lambda bench: bench.observer.change_state(bench.name, 'deactivate'),
+    'ended': lambda bench: bench.node.end(SIGTERM),
+    'killed': lambda bench: bench.node.signal(SIGKILL),
+}
+
+
+@pytest.mark.parametrize('end', _PROCESS_ENDS)
+def test_drive_that_regulates_on_stays_where_it_was(
+    tmp_path: Path, observer: Observer, end: str
+) -> None:
+    drive: Any = Simulator(command_timeout=1.0, disable_delay=0.5)
+    bench = Bench(tmp_path, observer, drive, mode=['position'], slew_limit=[20.0])
+    bench.command.message = JointState(name=['left', 'right'], position=[GOAL, GOAL])
+    try:
+        bench.quiet()
+        bench.enabling(until=lambda: drive.describe()['position_rad'][0] > GOAL - 0.01)
+        there = pytest.approx(GOAL, abs=0.1)  # it may arrive still, as the last status did
+        moment = time.monotonic()
+        _PROCESS_ENDS[end](bench)
+        bench.wait(lambda: bench.drive.first_disable(moment), 'a disable packet')
+        places: Any = drive.describe
+        bench.wait(lambda: not bench.drive.enabled, 'a disabled drive')
+        assert places()['position_rad'] == [there, there]
+        count = GOAL / 0.000191753
+        disabling = [p for p in bench.drive.packets(moment) if not p.enables]
+        assert all(abs(value - count) < 500 for p in disabling for value in p.values)
+        bench.enable.message = Bool(data=False)
+        if end in ('e-stop', 'wire killed'):  # and on, while it is disabled
+            bench.holds(lambda: places()['position_rad'] == [there, there], 0.3)
     finally:
         bench.close()

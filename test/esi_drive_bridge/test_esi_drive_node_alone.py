@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bridge_core import clock
+from bridge_core.transports.request import Call
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import EnabledChanged
 from stage.node_alone import alone
@@ -26,8 +27,8 @@ def test_that_somebody_listens_again_counts_however_late(
     """A refusal for its age would leave a listener of ~/joint_states waiting for ever."""
     asked: list[tuple[Any, ...]] = []
 
-    def request(name: str, *arguments: Any, stop: bool, **_: Any) -> int:
-        asked.append((name, *arguments, stop))
+    def request(call: Call, *, stop: bool, **_: Any) -> int:
+        asked.append((call.name, *call.arguments, stop))
         return 1
 
     monkeypatch.setattr(node.link, 'request', request)

@@ -6,24 +6,14 @@
 from collections.abc import Callable
 import contextlib
 import math
-import os
-from pathlib import Path
-from signal import SIGKILL, SIGTERM
-import time
 from typing import Any
 
 import pytest
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 
 from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode
 from esi_drive_bridge.session import Phase, Session
-from esi_drive_bridge.simulator import Simulator
+from stage.esi_drive_loop import Loop
 from stage.esi_drive_rig import axes, is_disable, make_settings, RUNNING, status
-from stage.rig import Observer
-from stage.toy_rig import wires_of
-from test.esi_drive_bridge.test_esi_drive_loop import Loop
-from test.esi_drive_bridge.test_esi_drive_node import Bench
 
 SCALE = 0.000191753  # rad a count
 PLACE = 1.0  # rad, where it stands or which it passes
@@ -141,7 +131,10 @@ class Line:
 
     def wait(self, seconds: float) -> list[tuple[Mode, int]]:
         self.now += seconds
-        return said(self.session.poll(self.now)[1])
+        frames = self.session.poll(self.now)[1]
+        for frame in frames:
+            self.session.sent(frame, self.now)
+        return said(frames)
 
 
 UNKNOWN = (Mode.VELOCITY, 0)
@@ -217,42 +210,3 @@ def test_velocity_beside_an_unknown_position_says_0_too() -> None:
     a, b = Command.from_bytes(frame, Layout.DUAL).axes
     assert (a, b) == (AxisCommand(mode=Mode.VELOCITY), AxisCommand(mode=Mode.POSITION, value=1234))
     assert session.receive(RUNNING, 0.05)[1] == []
-
-
-# On real processes and a real port.
-
-GOAL = 3.0  # rad
-_PROCESS_ENDS: dict[str, Callable[[Bench], object]] = {
-    'e-stop': lambda bench: setattr(bench.estop_in, 'message', Bool(data=True)),
-    'wire killed': lambda bench: os.kill(wires_of(bench.node.process.pid)[0], SIGKILL),
-    'inactive': lambda bench: bench.observer.change_state(bench.name, 'deactivate'),
-    'ended': lambda bench: bench.node.end(SIGTERM),
-    'killed': lambda bench: bench.node.signal(SIGKILL),
-}
-
-
-@pytest.mark.parametrize('end', _PROCESS_ENDS)
-def test_drive_that_regulates_on_stays_where_it_was(
-    tmp_path: Path, observer: Observer, end: str
-) -> None:
-    drive: Any = Simulator(command_timeout=1.0, disable_delay=0.5)
-    bench = Bench(tmp_path, observer, drive, mode=['position'], slew_limit=[20.0])
-    bench.command.message = JointState(name=['left', 'right'], position=[GOAL, GOAL])
-    try:
-        bench.quiet()
-        bench.enabling(until=lambda: drive.describe()['position_rad'][0] > GOAL - 0.01)
-        there = pytest.approx(GOAL, abs=0.1)  # it may arrive still, as the last status did
-        moment = time.monotonic()
-        _PROCESS_ENDS[end](bench)
-        bench.wait(lambda: bench.drive.first_disable(moment), 'a disable packet')
-        places: Any = drive.describe
-        bench.wait(lambda: not bench.drive.enabled, 'a disabled drive')
-        assert places()['position_rad'] == [there, there]
-        count = GOAL / 0.000191753
-        disabling = [p for p in bench.drive.packets(moment) if not p.enables]
-        assert all(abs(value - count) < 500 for p in disabling for value in p.values)
-        bench.enable.message = Bool(data=False)
-        if end in ('e-stop', 'wire killed'):  # and on, while it is disabled
-            bench.holds(lambda: places()['position_rad'] == [there, there], 0.3)
-    finally:
-        bench.close()

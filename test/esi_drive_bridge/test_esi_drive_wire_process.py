@@ -11,9 +11,9 @@ import time
 
 import pytest
 
+from stage.esi_drive_bench import Bench as DriveBench
 from stage.rig import Observer
 from stage.toy_rig import is_running, name_of, spares_of, wires_of
-from test.esi_drive_bridge.test_esi_drive_node import Bench as DriveBench
 
 pytestmark = pytest.mark.waits(80)
 

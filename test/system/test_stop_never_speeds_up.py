@@ -17,7 +17,7 @@ from safety_mux.configuration import check
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import OperatorSample, State
-from test.esi_drive_bridge.test_esi_drive_loop import Loop
+from stage.esi_drive_loop import Loop
 
 pytestmark = pytest.mark.computes
 RPM = 60.0 / (2.0 * math.pi)  # of 1 rad/s
