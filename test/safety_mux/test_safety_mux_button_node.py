@@ -104,7 +104,7 @@ def test_button_and_service_are_one_reset(mux: ButtonMux) -> None:
     """Two within clear_time are one that is held, whichever way they come."""
     mux.stop = True
     mux.run(0.1)
-    assert not mux.mux._reset().ok
+    assert not mux.reset().ok
     mux.stop = False
     mux.run(0.1)
     assert mux.press(0.2) is State.STOPPED
@@ -147,7 +147,7 @@ def test_press_that_a_stop_comes_into_while_stopped_is_none(mux: ButtonMux, befo
 def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant_for_it(
     mux: ButtonMux, late: float
 ) -> None:
-    drive = next(t for t in mux.mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = mux.topic('estop.drive.topic')
 
     def stop() -> None:
         drive.take(Bool(data=True), mux.now)
@@ -156,13 +156,13 @@ def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant
 
     mux.run(1.0)
     if late:  # in READY, and nothing was heard of it yet
-        assert mux.mux._reset().ok
+        assert mux.reset().ok
         mux.run(10.0 + EVERY / 2)
         stop()
     mux.button = True
     mux.run(0.2)
     if not late:  # a reset by the service, and the next stop, before its next message
-        assert mux.mux._reset().ok
+        assert mux.reset().ok
         mux.run(0.02)
         stop()
     assert mux.run(1.0) is State.STOPPED

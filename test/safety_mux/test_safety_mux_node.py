@@ -316,7 +316,7 @@ def test_diagnostics_carry_another_level_at_once(
     mux._publish_diagnostics(stepped.now)
     levels: list[Any] = []
     monkeypatch.setattr(mux, '_diagnostics', Publisher(levels, read=lambda m: m.status[0].level))
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(0.3) is State.READY
     stepped.stop = True
     assert stepped.run(0.3) is State.STOPPED
@@ -673,18 +673,18 @@ def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
     mux = stepped.mux
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(0.1) is State.READY
     began = stepped.now
     story: list[Any] = []
     mux._stop_demands['fort'].publisher = Publisher(story, 'fort')
-    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = stepped.topic('estop.drive.topic')
     for at, value in sorted([(moments[0], True), (moments[1], False), (0.01, None), (0.02, None)]):
         stepped.now = began + at
         if value is None:
             mux._tick(stepped.now)
         elif drive.take(Bool(data=value), stepped.now):
-            mux._decide(stepped.now)
+            stepped.decide()
     assert mux._last_state is State.STOPPED
     assert ('fort', True) in story
     assert story[-1] == ('fort', False)
@@ -696,7 +696,7 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
-    assert stepped.mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
     hear = next(
         each.callback

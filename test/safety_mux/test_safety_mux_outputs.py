@@ -406,7 +406,7 @@ def test_operator_without_a_deadman_is_told_what_his_device_says(
     stepped = SteppedMux(context, monkeypatch)
     mux = stepped.mux
     try:
-        assert mux._reset().ok
+        assert stepped.reset().ok
         assert stepped.run(LIMIT + 0.1) is State.READY
         stepped.says('fort_vsc_bridge', level, message)
         advice = f"press the deadman of 'fort' to take control{words}"
@@ -414,7 +414,7 @@ def test_operator_without_a_deadman_is_told_what_his_device_says(
         stepped.run(2.9)
         assert advice in stepped.values().values()
         stepped.run(0.2)
-        mux._look_around(stepped.now)  # its node says nothing any more
+        stepped.look_around()  # its node says nothing any more
         assert "press the deadman of 'fort' to take control" in stepped.values().values()
         stepped.says('fort_vsc_bridge', level, message)
         stepped.joy = None  # a device that sends no sticks in such a mode
@@ -439,7 +439,7 @@ def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
 ) -> None:
     stepped = SteppedMux(context, monkeypatch, **given)
     try:
-        assert stepped.mux._reset().ok
+        assert stepped.reset().ok
         assert stepped.run(LIMIT + 0.1) is State.READY
         for button, value in buttons.items():
             stepped.joy.buttons[button] = value
@@ -478,10 +478,10 @@ def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
 ) -> None:
     stepped = SteppedMux(context, monkeypatch)
     mux = stepped.mux
-    enabled = next(t for t in mux._intake.topics() if t.parameter == 'drive_enabled_topic')
+    enabled = stepped.topic('drive_enabled_topic')
     try:
         enabled.take(Bool(data=False), stepped.now)
-        assert mux._reset().ok
+        assert stepped.reset().ok
         stepped.run(LIMIT + 0.1)
         stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
         stepped.joy = sticks(0.5, deadman=True)
@@ -660,16 +660,16 @@ def test_stop_of_a_base_goes_out_before_the_next_decision(
     parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
     stepped = SteppedMux(context, monkeypatch, **parameters)
     mux, said = stepped.mux, []
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
     stepped.joy = sticks(1.0, deadman=True)
     assert stepped.run(1.0) is State.ACTIVE
     command = SimpleNamespace(publish=lambda message: said.append(message.linear.x))
     monkeypatch.setattr(mux, '_command', command)
     stepped.now += TICK / 4
-    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = stepped.topic('estop.drive.topic')
     assert drive.take(Bool(data=True), stepped.now)
-    mux._decide(stepped.now)
+    stepped.decide()
     monkeypatch.undo()
     mux.destroy_node()
     assert len(said) == 1
