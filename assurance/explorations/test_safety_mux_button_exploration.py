@@ -32,7 +32,8 @@ from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.node import SafetyMux
-from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 
 pytestmark = pytest.mark.computes
 STALE, LONGEST = 2 * STEP, 4 * STEP  # of the button's messages, of a press
