@@ -39,7 +39,8 @@ class ButtonMux(SteppedMux):
         self._numbers += [0] * (publisher + 1 - len(self._numbers))
         self._numbers[publisher] += 1
         info = {'publication_sequence_number': self._numbers[publisher]}
-        self.mux._on_button(Bool(data=pressed), info)
+        assert self.mux._button is not None
+        self.mux._button.on_message(Bool(data=pressed), info)
 
     def press(self, seconds: float = 0.5) -> State:
         """Press it for a while, release it; return the state after that."""
