@@ -98,7 +98,7 @@ class SafetyMux(ManagedNode):
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
         self.lane.every(1.0 / self.values['status_rate'], self._publish_status)
-        self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.lane.every(_DIAGNOSTICS_PERIOD, lambda now: self._diagnose(self._status_message(now)))
         self.lane.start()
 
     def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> Repeated:
@@ -126,7 +126,7 @@ class SafetyMux(ManagedNode):
         if result != TransitionCallbackReturn.SUCCESS:
             return result
         self.active = True
-        self.lane.post(self._let_go)
+        self.lane.post(lambda: self._hold(clock.now()))
         return super().on_activate(state)
 
     def leave(self) -> None:
@@ -142,9 +142,6 @@ class SafetyMux(ManagedNode):
         """Build all anew if a parameter is another one now."""
         if self.values != self._built_from:
             self.lane.call(self._rebuild)
-
-    def _let_go(self) -> None:
-        self._hold(clock.now())
 
     def _stop(self) -> None:
         now = clock.now()
@@ -241,8 +238,8 @@ class SafetyMux(ManagedNode):
     def _hold(self, now: float) -> None:
         """Be STOPPED while inactive, and while somebody else says what drives obey."""
         doubled = self._outputs.doubled(now)
-        reason = f'stop the other publisher of {doubled}: a second mux?'
-        self._arbiter.hold(_INACTIVE if not self.active else reason if doubled else None)
+        reason = f'stop the other publisher of {doubled}: a second mux?' if doubled else None
+        self._arbiter.hold(reason if self.active else _INACTIVE)
 
     # What is asked, on the lane.
 
@@ -338,11 +335,7 @@ class SafetyMux(ManagedNode):
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
-            old_stamps={
-                name: watch.warning
-                for name, watch in self._intake.stamps.items()
-                if watch.warning is not None
-            },
+            old_stamps=self._intake.old_stamps,
             refused_reset=self._refused_reset,
         )
         said = report_of(self._arbiter.status(now), around, now)

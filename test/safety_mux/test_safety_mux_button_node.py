@@ -16,9 +16,8 @@ from bridge_core.parameters import ParameterError
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
 from stage.fed_mux import EVERY, FedMux, SteppedMux
-from stage.mux_talkers import MuxBench, sticks
+from stage.mux_talkers import NewMux, sticks
 from stage.rig import Observer
-from stage.talkers import Talker
 
 
 class ButtonMux(SteppedMux):
@@ -241,9 +240,9 @@ def test_button_on_the_topic_of_another_input_is_refused(context: Any) -> None:
         FedMux(context, reset_topic='esi_drive_bridge/estop')
 
 
-def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
-    bench = MuxBench(observer, reset_topic='button')
-    button = Talker(observer, Bool, f'{bench.space}/button', Bool(data=False))
+def test_button_on_a_topic_resets_the_node(observer: Observer, new_mux: NewMux) -> None:
+    bench = new_mux(reset_topic='button')
+    button = bench.talker(Bool, 'button', Bool(data=False))
     pressed_at = -math.inf
 
     def press() -> bool:
@@ -255,12 +254,8 @@ def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
         button.message = Bool(data=clock.now() < pressed_at + 0.4)
         return bench.says('READY')
 
-    try:
-        bench.wait(press, 'READY', 20.0)
-        bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
-    finally:
-        button.leave()
-        bench.close()
+    bench.wait(press, 'READY', 20.0)
+    bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
 
 
 def test_publishers_of_a_remapped_button_are_counted(

@@ -28,9 +28,9 @@ from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.protocol import Decision, State
 from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, SteppedMux, TICK
-from stage.mux_talkers import MuxBench, sticks
+from stage.mux_talkers import NewMux, sticks
 from stage.rig import latched, NodeProcess, Observer
-from stage.talkers import namespace, Talker
+from stage.talkers import namespace
 
 DEADBAND = 0.05
 DEADMAN = 0
@@ -499,9 +499,9 @@ def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
 
 
 def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    mux = new_mux(operator__fort__gated_joy=True)
     record = observer.record(Joy, f'{mux.name}/joy/fort')
 
     def pushed() -> Joy:
@@ -525,47 +525,41 @@ def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
         mux.wait(lambda: len(record.messages) > 5, 'its repeats')
         assert not any(any(m.axes) or any(m.buttons) for m in record.messages)
 
-    try:
-        mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
-        assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
-        mux.active()
-        is_passed_on()
-        mux.joy.message = pushed()
-        mux.joy.message.buttons[0] = 0  # the deadman alone
-        mux.wait(lambda: mux.says('READY'), 'READY')
-        stays_neutral()
-        mux.joy.message = sticks()
-        mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
-        mux.joy.message = sticks(deadman=True)
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        is_passed_on()
-        mux.fort_estop.publisher.publish(Bool(data=True))
-        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-        stays_neutral()
-    finally:
-        mux.close()
+    mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
+    assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
+    mux.active()
+    is_passed_on()
+    mux.joy.message = pushed()
+    mux.joy.message.buttons[0] = 0  # the deadman alone
+    mux.wait(lambda: mux.says('READY'), 'READY')
+    stays_neutral()
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    is_passed_on()
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+    stays_neutral()
 
 
 def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    mux = new_mux(operator__fort__gated_joy=True)
     record = observer.record(Joy, f'{mux.name}/joy/fort')
     message = sticks(deadman=True)
     message.axes[4] = 0.5
-    try:
-        mux.ready()
-        mux.joy.message = message
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
-        mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
-        assert not any(any(each.axes) for each in record.messages)
-        mux.joy.message = sticks(deadman=True)
-        mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
-        mux.joy.message = message
-        mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
-    finally:
-        mux.close()
+    mux.ready()
+    mux.joy.message = message
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
+    mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
+    assert not any(any(each.axes) for each in record.messages)
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
+    mux.joy.message = message
+    mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
 
 
 # A base controller instead of drives.
@@ -591,66 +585,58 @@ def forward_and_turn(message: Any) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
-def test_operator_drives_a_base_by_forward_and_turn(observer: Observer, output: str) -> None:
-    mux = MuxBench(observer, output=output, **BASE)
-    try:
-        mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
-        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
-        mux.active()
-        mux.joy.message = sticks(1.0, deadman=True)
-        mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
-        mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
-        if output == 'twist_stamped':  # no step, whatever of it has come here
-            ramp = [
-                (Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages
-            ]
-            assert all(
-                x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
-            )
-        topics = dict(observer.node.get_topic_names_and_types())
-        assert f'{mux.name}/command' not in topics
-        (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
-        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
-        cause = time.monotonic()
-        mux.fort_estop.publisher.publish(Bool(data=True))
-        mux.stopped_since(cause)
-        mux.command.clear()
-        mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
-        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
-        if output == 'twist_stamped':
-            stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
-            assert all(a < b for a, b in pairwise(stamps))
-            assert mux.command.last.header.frame_id == 'base_link'
-    finally:
-        mux.close()
+def test_operator_drives_a_base_by_forward_and_turn(
+    observer: Observer, output: str, new_mux: NewMux
+) -> None:
+    mux = new_mux(output=output, **BASE)
+    mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
+    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+    mux.active()
+    mux.joy.message = sticks(1.0, deadman=True)
+    mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
+    mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
+    if output == 'twist_stamped':  # no step, whatever of it has come here
+        ramp = [(Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages]
+        assert all(
+            x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
+        )
+    topics = dict(observer.node.get_topic_names_and_types())
+    assert f'{mux.name}/command' not in topics
+    (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
+    assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+    cause = time.monotonic()
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    mux.stopped_since(cause)
+    mux.command.clear()
+    mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
+    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+    if output == 'twist_stamped':
+        stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
+        assert all(a < b for a, b in pairwise(stamps))
+        assert mux.command.last.header.frame_id == 'base_link'
 
 
 def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
-    observer: Observer,
+    new_mux: NewMux,
 ) -> None:
-    mux = MuxBench(
-        observer,
+    mux = new_mux(
         output='twist_stamped',
         autonomy__topic='plan',
         autonomy__type='TwistStamped',
         **BASE,
     )
-    plan = Talker(observer, TwistStamped, f'{mux.space}/plan', TwistStamped())
-    try:
-        mux.ready()
-        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
-        assert mux.select_autonomy().success
-        for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
-            plan.message = TwistStamped(
-                twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
-            )
-            mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
-            assert mux.command.last.header.stamp != Time()  # not the planner's
-        plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
-        mux.stopped_since(time.monotonic())
-    finally:
-        plan.leave()
-        mux.close()
+    plan = mux.talker(TwistStamped, 'plan', TwistStamped())
+    mux.ready()
+    mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+    assert mux.select_autonomy().success
+    for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
+        plan.message = TwistStamped(
+            twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
+        )
+        mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
+        assert mux.command.last.header.stamp != Time()  # not the planner's
+    plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
+    mux.stopped_since(time.monotonic())
 
 
 @pytest.mark.parametrize('category', [0, 1])
