@@ -157,6 +157,8 @@ RESETS = {
         {5- s; is STOPPED; reset no|5 s; is STOPPED; reset}""",
     'a late one resets nothing and is not in vain': """1 s; late no; reply not reset: it may have
         waited; reset""",
+    'a late one is told as late, however soon': """always stop; 1 s; reset no; 0.1 s; late no;
+        reply not reset: it may have waited""",
     'a late one in READY is in vain': """ready; late no; always stop!; 1 s; reset no;
         reply resets have been called since before the stop""",
     'a late one keeps a line in vain going': """ready; reset no; always stop!; 5 s; late no; 1 s;
