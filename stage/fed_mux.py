@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -128,3 +129,6 @@ class SteppedMux(FedMux):
     def message(self) -> str:
         """Return what ~/status says in one line."""
         return str(self.mux._status_message(self.now).message)
+
+
+StepMux = Callable[..., SteppedMux]

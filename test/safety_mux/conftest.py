@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Muxes as processes, which end with the test."""
+"""Muxes that end with the test: as processes, and in this one."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from stage.fed_mux import StepMux, SteppedMux
 from stage.mux_talkers import MuxBench, NewMux
 from stage.rig import Observer
 
@@ -24,3 +25,16 @@ def new_mux(observer: Observer) -> Iterator[NewMux]:
             return mux
 
         yield start
+
+
+@pytest.fixture
+def step_mux(context: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[StepMux]:
+    """Make a mux whose time is the test's."""
+    with ExitStack() as muxes:
+
+        def make(**parameters: Any) -> SteppedMux:
+            stepped = SteppedMux(context, monkeypatch, **parameters)
+            muxes.callback(stepped.mux.destroy_node)
+            return stepped
+
+        yield make

@@ -15,7 +15,7 @@ from std_msgs.msg import Bool, Float64
 from bridge_core import clock
 from safety_mux.outputs import GatedJoy
 from safety_mux.protocol import State
-from stage.fed_mux import SteppedMux
+from stage.fed_mux import StepMux, SteppedMux
 from stage.mux_talkers import sticks
 
 STOP_TIME = 0.5
@@ -124,10 +124,10 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
 
 
 def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:
     """The mux's thread is held up for longer than a transition waits, and not for a stall."""
-    mux = SteppedMux(context, monkeypatch, stall_limit=1.0, neutral_time=1.0)
+    mux = step_mux(stall_limit=1.0, neutral_time=1.0)
     assert mux.reset().ok
     mux.run(1.5)
     mux.joy = sticks(0.5, deadman=True)
@@ -146,7 +146,6 @@ def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
         each()
     assert mux.mux._last_state is State.STOPPED
     assert mux.run(0.1) is State.STOPPED
-    mux.mux.destroy_node()
 
 
 def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(

@@ -20,6 +20,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter as Setting
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
@@ -34,7 +35,7 @@ from safety_mux.listening import ESTOP_QOS
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import Decision, State
 from stage.endings import each_ending
-from stage.fed_mux import FedMux, LIMIT, SteppedMux, TICK
+from stage.fed_mux import FedMux, LIMIT, StepMux, TICK
 from stage.mux_talkers import (
     MuxBench,
     NewMux,
@@ -297,9 +298,9 @@ def test_diagnostics_carry_the_status_too(mux: MuxBench) -> None:
 
 
 def test_diagnostics_carry_another_level_at_once(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
     mux._publish_diagnostics(stepped.now)
     levels: list[Any] = []
@@ -312,7 +313,6 @@ def test_diagnostics_carry_another_level_at_once(
     mux._publish_status(stepped.now)
     good, bad = DiagnosticStatus.OK, DiagnosticStatus.WARN
     assert [level for _, level in levels] == [good, bad, bad]
-    mux.destroy_node()
 
 
 # Publishers that cannot be heard, or that say something else.
@@ -599,7 +599,8 @@ class Publisher:
 
 @pytest.fixture
 def own_mux(context: Any) -> Iterator[SafetyMux]:
-    mux = SafetyMux(context=context, namespace=namespace())
+    gated = Setting('operator.fort.gated_joy', value=True)
+    mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=[gated])
     mux.asked.freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
     mux.autostart()
     yield mux
@@ -611,32 +612,35 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
 
     def decide(state: State) -> None:
         moves = state is State.ACTIVE
-        decision = Decision(
-            state, 'fort' if moves else None, moves, (0.0, 0.0), not moves, {'fort': not moves}
-        )
+        owner = 'fort' if moves else None
+        zero = (0.0, 0.0)
+        decision = Decision(state, owner, moves, zero, not moves, {'fort': not moves}, owner)
         own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
         own_mux._tick(clock.now())
 
     def play() -> None:
+        gate = own_mux._gated_joys['fort']
+        gate.hear(sticks(deadman=True))
         decide(State.ACTIVE)
         for name in ('_estop', '_enable', '_state'):
             getattr(own_mux, name).publisher = Publisher(story, name)
         own_mux._stop_demands['fort'].publisher = Publisher(story, 'stop_demand')
+        gate.publisher = Publisher(story, 'joy')
         for name in ('_command', '_status'):
             setattr(own_mux, name, Publisher(story, name))
         decide(State.STOPPED)
 
     own_mux.lane.call(play)
-    names = [name for name, _ in story][:5]
-    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
+    names = [name for name, _ in story][:6]
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', 'joy', '_state']
     assert story[:2] == [('_estop', True), ('_enable', False)]
 
 
 @pytest.mark.parametrize('moments', [(0.003, 0.005), (0.008, 0.012)])  # s; a tick is at 0.01
 def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices(
-    context: Any, monkeypatch: pytest.MonkeyPatch, moments: tuple[float, float]
+    step_mux: StepMux, moments: tuple[float, float]
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
     assert stepped.reset().ok
     assert stepped.run(0.1) is State.READY
@@ -653,14 +657,13 @@ def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices
     assert mux._last_state is State.STOPPED
     assert ('fort', True) in story
     assert story[-1] == ('fort', False)
-    mux.destroy_node()
 
 
 @pytest.mark.parametrize('silence', [LIMIT - 0.1, LIMIT + 0.1])
 def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
-    context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
+    step_mux: StepMux, silence: float
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
     hear = next(
@@ -676,7 +679,6 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     hear(sticks(0.5, deadman=True), {'publication_sequence_number': 12})
     state = stepped.run(0.02)
     assert state is (State.ACTIVE if silence < LIMIT else State.STOPPED)
-    stepped.mux.destroy_node()
 
 
 @contextlib.contextmanager
@@ -747,11 +749,9 @@ def reset_of(mux: SafetyMux) -> str:
 
 
 def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    step_mux: StepMux,
 ) -> None:
-    stepped = SteppedMux(
-        context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
-    )
+    stepped = step_mux(**{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'})
     mux = stepped.mux
     mux.asked.look()
     stepped.run(5.0)
@@ -768,14 +768,13 @@ def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop
     assert mux.asked.on_select_autonomy(SetBool.Request(), SetBool.Response()).success
     assert mux.asked.on_trip(Trigger.Request(), Trigger.Response()).success
     assert stepped.run(0.02) is State.STOPPED
-    mux.destroy_node()
 
 
 @pytest.mark.parametrize('hang', [4.5, 6.5])
 def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services(
-    context: Any, monkeypatch: pytest.MonkeyPatch, hang: float
+    step_mux: StepMux, hang: float
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
 
     def go_on(seconds: float) -> None:
@@ -798,17 +797,15 @@ def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services
     for _ in range(8):
         go_on(0.5)
         assert 'resets have been called since before the stop' in reset_of(mux)
-    mux.destroy_node()
 
 
 def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    step_mux: StepMux,
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     stepped.mux.asked.look()
     stepped.run(services.LOOK_PERIOD + input_guard._FREEZE - TICK)
     assert reset_of(stepped.mux).startswith('reset: READY')
-    stepped.mux.destroy_node()
 
 
 def test_reset_that_waits_for_services_that_hang_is_not_done(

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 import math
 import time
@@ -13,7 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from hypothesis import given, strategies as st
 import pytest
@@ -25,9 +24,9 @@ from std_msgs.msg import Bool, Header
 from bridge_core.lane import owner_of
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
-from safety_mux.protocol import Decision, State
+from safety_mux.protocol import State
 from safety_mux.report import unheard
-from stage.fed_mux import LIMIT, SteppedMux, TICK
+from stage.fed_mux import LIMIT, StepMux, TICK
 from stage.mux_talkers import NewMux, sticks
 from stage.rig import latched, NodeProcess, Observer
 from stage.talkers import namespace
@@ -310,17 +309,6 @@ def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
 # The node.
 
 
-@pytest.fixture
-def own_mux(context: Any) -> Iterator[SafetyMux]:
-    mux = SafetyMux(
-        context=context,
-        namespace=namespace(),
-        parameter_overrides=parameters({'operator.fort.gated_joy': True}),
-    )
-    yield mux
-    mux.destroy_node()
-
-
 def parameters(values: dict[str, Any]) -> list[Any]:
     from rclpy.parameter import Parameter
 
@@ -342,52 +330,6 @@ def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(contex
         assert said[-1].axes[1] == 0.0, 'held as control began'
 
 
-def test_zero_and_neutral_go_out_with_the_stop_and_behind_it(
-    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    story: list[str] = []
-
-    class Publisher:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-        def publish(self, message: Any) -> None:
-            story.append(self.name)
-
-    def decide(state: State) -> None:
-        moves = state is State.ACTIVE
-        owner = 'fort' if moves else None
-        decision = Decision(state, owner, moves, (0.0, 0.0), not moves, {}, owner)
-        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
-        own_mux._decide(time.monotonic())
-
-    def play() -> None:
-        gate = own_mux._gated_joys['fort']
-        gate.hear(sticks(deadman=True))
-        decide(State.ACTIVE)
-        for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
-            each.publisher = Publisher(name)
-        monkeypatch.setattr(own_mux, '_command', Publisher('command'))
-        decide(State.STOPPED)
-        monkeypatch.undo()
-
-    own_mux.lane.call(play)
-    assert story == ['estop', 'enable', 'command', 'joy']
-
-
-def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
-    device = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
-
-    def said() -> str:
-        now = time.monotonic()
-        own_mux._arbiter.estop_message('fort', True, now)
-        return str(own_mux._status_message(now).message)
-
-    words = DiagnosticStatus(name=device, level=b'\2', message='x' * 300_000)
-    own_mux._on_diagnostics(DiagnosticArray(status=[words]))
-    assert own_mux.lane.call(said).count('x') == pytest.approx(1000, abs=10)
-
-
 QUIET = 'mode is Menu: leave the menu'
 
 
@@ -401,27 +343,23 @@ QUIET = 'mode is Menu: leave the menu'
     ids=['in order', 'a warning', 'nothing to say'],
 )
 def test_operator_without_a_deadman_is_told_what_his_device_says(
-    context: Any, monkeypatch: pytest.MonkeyPatch, level: Any, message: str, words: str
+    step_mux: StepMux, level: Any, message: str, words: str
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
-    mux = stepped.mux
-    try:
-        assert stepped.reset().ok
-        assert stepped.run(LIMIT + 0.1) is State.READY
-        stepped.says('fort_vsc_bridge', level, message)
-        advice = f"press the deadman of 'fort' to take control{words}"
-        assert advice in stepped.values().values()
-        stepped.run(2.9)
-        assert advice in stepped.values().values()
-        stepped.run(0.2)
-        stepped.look_around()  # its node says nothing any more
-        assert "press the deadman of 'fort' to take control" in stepped.values().values()
-        stepped.says('fort_vsc_bridge', level, message)
-        stepped.joy = None  # a device that sends no sticks in such a mode
-        stepped.run(LIMIT + 0.1)
-        assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
-    finally:
-        mux.destroy_node()
+    stepped = step_mux()
+    assert stepped.reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    stepped.says('fort_vsc_bridge', level, message)
+    advice = f"press the deadman of 'fort' to take control{words}"
+    assert advice in stepped.values().values()
+    stepped.run(2.9)
+    assert advice in stepped.values().values()
+    stepped.run(0.2)
+    stepped.look_around()  # its node says nothing any more
+    assert "press the deadman of 'fort' to take control" in stepped.values().values()
+    stepped.says('fort_vsc_bridge', level, message)
+    stepped.joy = None  # a device that sends no sticks in such a mode
+    stepped.run(LIMIT + 0.1)
+    assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
 
 
 @pytest.mark.parametrize(
@@ -435,21 +373,18 @@ def test_operator_without_a_deadman_is_told_what_his_device_says(
     ids=['another', 'a half', 'a switch that is not on', 'none'],
 )
 def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
-    context: Any, monkeypatch: pytest.MonkeyPatch, buttons: Any, given: Any, said: str
+    step_mux: StepMux, buttons: Any, given: Any, said: str
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch, **given)
-    try:
-        assert stepped.reset().ok
-        assert stepped.run(LIMIT + 0.1) is State.READY
-        for button, value in buttons.items():
-            stepped.joy.buttons[button] = value
-        assert stepped.run(0.1) is State.READY
-        assert said in stepped.message()
-        assert ('buttons pressed' in stepped.message()) == bool(said)
-        stepped.run(10.0)  # a switch stays on, and nobody holds it
-        assert 'buttons pressed' not in stepped.message()
-    finally:
-        stepped.mux.destroy_node()
+    stepped = step_mux(**given)
+    assert stepped.reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    for button, value in buttons.items():
+        stepped.joy.buttons[button] = value
+    assert stepped.run(0.1) is State.READY
+    assert said in stepped.message()
+    assert ('buttons pressed' in stepped.message()) == bool(said)
+    stepped.run(10.0)  # a switch stays on, and nobody holds it
+    assert 'buttons pressed' not in stepped.message()
 
 
 @pytest.mark.parametrize(
@@ -473,29 +408,24 @@ def test_who_only_looks_at_commands_is_nobody_who_obeys(listeners: list[str], sa
     assert bool(found) == bool(said)
 
 
-def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(step_mux: StepMux) -> None:
+    stepped = step_mux()
     mux = stepped.mux
     enabled = stepped.topic('drive_enabled_topic')
-    try:
-        enabled.take(Bool(data=False), stepped.now)
-        assert stepped.reset().ok
-        stepped.run(LIMIT + 0.1)
-        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
-        stepped.joy = sticks(0.5, deadman=True)
-        assert stepped.run(0.1) is State.ACTIVE
-        enabled.take(Bool(data=False), stepped.now)
-        assert 'enable is false' not in stepped.message()  # which it said before it was asked
-        why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
-        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
-        expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
-        said = stepped.values()['inhibit 1']
-        assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
-        assert said.endswith(f'; its device says: {expected}')
-    finally:
-        mux.destroy_node()
+    enabled.take(Bool(data=False), stepped.now)
+    assert stepped.reset().ok
+    stepped.run(LIMIT + 0.1)
+    stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.1) is State.ACTIVE
+    enabled.take(Bool(data=False), stepped.now)
+    assert 'enable is false' not in stepped.message()  # which it said before it was asked
+    why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
+    stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
+    expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
+    said = stepped.values()['inhibit 1']
+    assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
+    assert said.endswith(f'; its device says: {expected}')
 
 
 def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
@@ -641,10 +571,10 @@ def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
 
 @pytest.mark.parametrize('category', [0, 1])
 def test_stop_of_a_base_goes_out_before_the_next_decision(
-    context: Any, monkeypatch: pytest.MonkeyPatch, category: int
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux, category: int
 ) -> None:
     parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
-    stepped = SteppedMux(context, monkeypatch, **parameters)
+    stepped = step_mux(**parameters)
     mux, said = stepped.mux, []
     assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
@@ -657,7 +587,6 @@ def test_stop_of_a_base_goes_out_before_the_next_decision(
     assert drive.take(Bool(data=True), stepped.now)
     stepped.decide()
     monkeypatch.undo()
-    mux.destroy_node()
     assert len(said) == 1
     assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
 
