@@ -89,12 +89,10 @@ _NAMES_OF_TESTS = {
         )
     },
     'safety_mux/intake.py': ('safety_mux_intake',),
-    'safety_mux/protocol.py': (
-        'safety_mux_config',
-        'safety_mux_intake',
-        'safety_mux_mapping',
-        *_MUX,
-    ),
+    **{
+        f'safety_mux/{name}.py': (*(f'safety_mux_{n}' for n in ('intake', 'mapping')), *_MUX)
+        for name in ('protocol', 'settings')
+    },
     'safety_mux/outputs.py': ('safety_mux_outputs', 'safety_mux_gate_exploration'),
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
     'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_motion'),

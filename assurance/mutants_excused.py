@@ -596,6 +596,10 @@ EXCUSED: dict[str, dict[str, str]] = {
             'without feedback what is at zero is not in motion'
         ),
     },
+    'safety_mux/resets.py': {
+        'ResetCalls.script: self.last is None or not self.go_on -> not self.go_on': _FOR_TYPES,
+        "ResetCalls.script: return '' -> return None": _FALSY,
+    },
     'safety_mux/stops.py': {
         "Stops.counts: source.config.operator or '' -> source.config.operator": _FOR_TYPES,
     },
