@@ -32,11 +32,9 @@ from akron_can_bridge.protocol import (
     FLAG_NAMES,
     FULL_SCALE,
     HARD_STOP_NAMES,
-    Input,
     MiniOutput,
     MiniOutputs,
     Name,
-    Output,
     Position,
     PositionLimit,
     RotationSoftLimits,
@@ -166,7 +164,6 @@ def limits(
 
     The level is WARN at a hard stop, and STALE while nothing is sent.
     """
-    status = DiagnosticStatus(name='limits', hardware_id=hardware_id)
     reached, values = [], {}
     if position is not None:
         values = _stops(position, device_type)
@@ -184,20 +181,18 @@ def limits(
     if elevation is not None:
         values['down soft limit (deg)'] = f'{elevation.down_deg:g}'
         values['up soft limit (deg)'] = f'{elevation.up_deg:g}'
-    return _filled(status, reached, values, 'at a hard stop: ', 'at no hard stop')
+    warning = f'at a hard stop: {", ".join(reached)}' if reached else ''
+    return _status('limits', hardware_id, values, warning, 'at no hard stop')
 
 
 def _stops(position: PositionLimit, device_type: int) -> dict[str, str]:
     """Return all hard stops, named by what the axes of the device are used for."""
-    usage = [way for axis in AXIS_USAGE.get(device_type, ()) for way in axis]
-    names = [
-        f'{name} ({way})' if way else name
-        for name, way in zip(
-            HARD_STOP_NAMES, usage + [''] * (len(HARD_STOP_NAMES) - len(usage)), strict=True
-        )
-    ]
-    stops = zip(names, position.hard_stops, strict=True)
-    return {f'{name}{_STOP}': _STATUS_WORDS[stop] for name, stop in stops}
+    usage = [f' ({way})' for axis in AXIS_USAGE.get(device_type, ()) for way in axis]
+    usage += [''] * (len(HARD_STOP_NAMES) - len(usage))
+    return {
+        f'{name}{way}{_STOP}': _STATUS_WORDS[stop]
+        for name, way, stop in zip(HARD_STOP_NAMES, usage, position.hard_stops, strict=True)
+    }
 
 
 def outputs(
@@ -211,18 +206,17 @@ def outputs(
 
     The level is WARN where a 6033 reports a fault, and STALE while nothing is sent.
     """
-    status = DiagnosticStatus(name='outputs', hardware_id=hardware_id)
     values: dict[str, str] = {}
     if outputs is not None:
-        values = _bits(outputs.outputs, Output)
-        values['riser command'] = str(outputs.riser)
-    faulted = False
+        values = _bits(outputs.outputs) | {'riser command': str(outputs.riser)}
+    warning = ''
     if mini is not None:
-        faulted = MiniOutput.DEVICE_FAULTED in mini.outputs
-        values |= {f'6033: {key}': text for key, text in _bits(mini.outputs, MiniOutput).items()}
+        values |= _bits(mini.outputs, '6033: ')
+        if MiniOutput.DEVICE_FAULTED in mini.outputs:
+            warning = '6033: device faulted'
     if inputs is not None:
-        values |= {f'6039: {key}': text for key, text in _bits(inputs.inputs, Input).items()}
-    return _filled(status, ['device faulted'] * faulted, values, '6033: ', 'ok')
+        values |= _bits(inputs.inputs, '6039: ')
+    return _status('outputs', hardware_id, values, warning, 'ok')
 
 
 def device(
@@ -256,32 +250,34 @@ def device(
             'function': str(name.function),
             'claims any address': _bool(name.arbitrary_address_capable),
         }
-    status = DiagnosticStatus(name='device', hardware_id=hardware_id)
-    status.values = [KeyValue(key=key, value=text) for key, text in values.items()]
-    status.level, status.message = DiagnosticStatus.OK, f'{pin or "a unit"} at {at}'
     if address is None:
-        status.level, status.message = DiagnosticStatus.STALE, 'no unit has an address'
-    elif namesake is not None:
-        status.level, status.message = DiagnosticStatus.WARN, 'another device claims our address'
-    return status
+        return _status('device', hardware_id, values, stale='no unit has an address')
+    warning = '' if namesake is None else 'another device claims our address'
+    return _status('device', hardware_id, values, warning, f'{pin or "a unit"} at {at}')
 
 
-def _filled(
-    status: DiagnosticStatus, found: list[str], values: dict[str, str], lead: str, good: str
+def _status(
+    name: str,
+    hardware_id: str,
+    values: dict[str, str],
+    warning: str = '',
+    good: str = '',
+    stale: str = '',
 ) -> DiagnosticStatus:
-    """Give a status its level, its message and its values."""
+    """Return a status with the level and the message of the first text that holds."""
+    stale = stale or ('not sent' if not values else '')
+    status = DiagnosticStatus(name=name, hardware_id=hardware_id)
+    status.message = stale or warning or good
+    status.level = DiagnosticStatus.STALE if stale else DiagnosticStatus.WARN
+    if not (stale or warning):
+        status.level = DiagnosticStatus.OK
     status.values = [KeyValue(key=key, value=text) for key, text in values.items()]
-    if not values:
-        status.level, status.message = DiagnosticStatus.STALE, 'not sent'
-    elif found:
-        status.level, status.message = DiagnosticStatus.WARN, lead + ', '.join(found)
-    else:
-        status.level, status.message = DiagnosticStatus.OK, good
     return status
 
 
-def _bits(flags: IntFlag, kind: type[IntFlag]) -> dict[str, str]:
-    return {name: _bool(flag in flags) for flag, name in FLAG_NAMES[kind].items()}
+def _bits(flags: IntFlag, prefix: str = '') -> dict[str, str]:
+    names = FLAG_NAMES[type(flags)].items()
+    return {f'{prefix}{name}': _bool(flag in flags) for flag, name in names}
 
 
 def _bool(value: Any) -> str:

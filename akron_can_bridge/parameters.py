@@ -91,8 +91,8 @@ PARAMETERS = (
     Parameter(
         'source_address',
         _LAST,
-        'Our address on the bus: which joystick we are. Nobody else may use it. The lower one '
-        'overrides (Appendix B): at 0x38 a person at any other joystick overrides the computer.',
+        'Our address on the bus: which joystick we are. A lower one overrides (Appendix B), so '
+        'at 0x38 a person at any other joystick overrides the computer.',
         minimum=_FIRST,
         maximum=_LAST,
         hex_digits=2,
@@ -122,8 +122,8 @@ PARAMETERS = (
     Parameter(
         'link_timeout',
         0.3,
-        'Without a frame of the unit for this long the link is lost. Some come every 0.1 s, but a '
-        'unit that changes its address may be silent for 0.35 s.',
+        'Without a frame of the unit for this long the link is lost. Some come every 0.1 s; a '
+        'change of address takes 0.35 s.',
         unit='s',
         minimum=0.15,
         maximum=5.0,
@@ -148,8 +148,7 @@ PARAMETERS = (
     Parameter(
         'estop_on',
         [cause.value for cause in Cause],
-        'What makes ~/estop true: unit not heard, enable input not asserted, motor axis fault, '
-        'foreign joystick, motion that nobody asks for. One or more; the others are warnings.',
+        'What makes ~/estop true; one or more. The others are warnings.',
         choices=tuple(cause.value for cause in Cause),
         check=_check_estop_on,
     ),
@@ -194,8 +193,8 @@ PARAMETERS = (
     Parameter(
         'pause_on_stop',
         False,
-        'Have a stop press switch 7 once for an oscillation that ~/cmd_joy began. Only where type '
-        '81 of the unit says no more that it oscillates while that is paused: measure it.',
+        'Have a stop press switch 7 once for an oscillation that ~/cmd_joy began. Measure first '
+        'that type 81 says nothing of it in a pause.',
     ),
     Parameter(
         'extended',
@@ -205,8 +204,8 @@ PARAMETERS = (
     Parameter(
         'soe_permissive',
         False,
-        'Send A1, the permission to move in SOE mode, every 0.1 s from a push of a stick on until '
-        'the next stop. Needed where the unit is in SOE mode and nobody else sends A1.',
+        'Send A1, the permission to move in SOE mode, from a push of a stick on until the next '
+        'stop. Needed where nobody else sends it.',
     ),
     Parameter(
         'joy_source',
@@ -218,8 +217,8 @@ PARAMETERS = (
     Parameter(
         'allowed_joysticks',
         [0],
-        'Addresses of joysticks that may send, each 0x33 to 0x38; [0]: none. Any other is foreign '
-        '(see estop_on): it drives the unit past the mux.',
+        'Addresses of joysticks that may send, each 0x33 to 0x38; [0]: none. Any other is '
+        'foreign: it drives the unit past the mux.',
         check=_check_allowed,
     ),
     DEADBAND,
@@ -227,8 +226,8 @@ PARAMETERS = (
     Parameter(
         'joint_names',
         ['rotation', 'elevation'],
-        "Names of the two joints in ~/joint_states, as in your robot's description: rotation, "
-        'elevation.',
+        "Names of the joints rotation and elevation in ~/joint_states, as in your robot's "
+        'description.',
         check=_check_names,
         section='joint states',
     ),

@@ -6,14 +6,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-import struct
-from typing import Annotated, Any
+from typing import Annotated
 
 from akron_can_bridge.protocol.fields import axis, statuses
 from akron_can_bridge.protocol.frames import BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN, Sendable
-from akron_can_bridge.protocol.values import Axis, Status, STATUSES, UNAVAILABLE
-from bridge_core.framing import draft_of
+from akron_can_bridge.protocol.values import Axis, Status, UNAVAILABLE
 
 JOYSTICK_PERIOD = 0.02  # Appendix B: what Akron Brass devices do; 100 ms is the most
 JOYSTICK_TIMEOUT = 0.2  # Appendix B: the unit then clears that sender's input
@@ -23,17 +20,6 @@ AUTOMATIC_SWITCHES = frozenset((4, 7, 8, 9))
 OSCILLATE_SWITCH = 4
 PAUSE_SWITCH = 7
 _OFF = Status.OFF
-# The fields below once more, by which they are read: 50 frames a second come from every joystick.
-_BASIC = struct.Struct('<2H4B')  # X, Y; detents, switches 1-4, 5-8, 9-12
-_EXTENDED = struct.Struct('<3H2B')  # grip X, Y, theta; detents, switches 13-16
-assert (_BASIC.size, _EXTENDED.size) == (8, 8)
-_axis_of = Axis.from_word
-_PAIRS = tuple(four[:2] for four in STATUSES)
-
-
-@lru_cache(maxsize=256)  # they say the same again and again
-def _switches(to_4: int, to_8: int, to_12: int) -> tuple[Status, ...]:
-    return STATUSES[to_4] + STATUSES[to_8] + STATUSES[to_12]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,17 +38,6 @@ class BasicJoystick(Sendable):
     y: Annotated[Axis, axis(at=32)]
     switches: Annotated[tuple[Status, ...], statuses(12, at=0)] = (_OFF,) * 12
     detents: Annotated[tuple[Status, ...], statuses(2, at=28)] = (_OFF,) * 2
-
-    @classmethod
-    def from_data(cls, data: bytes) -> Any:
-        """Read data of this kind's length, all of which are sound."""
-        message = _DraftBasic()
-        x, y, detents, to_4, to_8, to_12 = _BASIC.unpack(data)
-        message.x, message.y = _axis_of(x), _axis_of(y)
-        message.switches = _switches(to_4, to_8, to_12)
-        message.detents = _PAIRS[detents]
-        message.__class__ = cls
-        return message
 
     @property
     def automatic(self) -> bool:
@@ -94,24 +69,8 @@ class ExtendedJoystick(Sendable):
     switches: Annotated[tuple[Status, ...], statuses(4, at=0)] = (_OFF,) * 4
     detents: Annotated[tuple[Status, ...], statuses(3, at=10)] = (_OFF,) * 3
 
-    @classmethod
-    def from_data(cls, data: bytes) -> Any:
-        """Read data of this kind's length, all of which are sound."""
-        message = _DraftExtended()
-        grip_x, grip_y, theta, detents, switches = _EXTENDED.unpack(data)
-        message.grip_x, message.grip_y = _axis_of(grip_x), _axis_of(grip_y)
-        message.theta = _axis_of(theta)
-        message.switches = STATUSES[switches]
-        message.detents = STATUSES[detents][:3]
-        message.__class__ = cls
-        return message
-
     @property
     def automatic(self) -> bool:
         """It has a target to travel to; one that is broken may be one."""
         absent = Status.NOT_AVAILABLE
         return any(axis.fault is not absent for axis in (self.grip_x, self.grip_y))
-
-
-_DraftBasic = draft_of(BasicJoystick)
-_DraftExtended = draft_of(ExtendedJoystick)

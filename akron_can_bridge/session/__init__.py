@@ -9,6 +9,7 @@ enable input, a motor fault and a foreign joystick are stops where ``estop_on`` 
 """
 
 from akron_can_bridge.parameters import Cause
+from akron_can_bridge.session.decoder import FILTERS
 from akron_can_bridge.session.events import (
     AXIS_NAMES,
     DeviceChanged,
@@ -26,7 +27,7 @@ from akron_can_bridge.session.events import (
     UnitChanged,
 )
 from akron_can_bridge.session.resting import Resting
-from akron_can_bridge.session.session import FILTERS, Session
+from akron_can_bridge.session.session import Session
 from akron_can_bridge.session.settings import Settings
 
 __all__ = [

@@ -10,7 +10,9 @@ from collections.abc import Callable
 from akron_can_bridge.protocol import (
     BASIC_JOYSTICK_PGN,
     EXTENDED_JOYSTICK_PGN,
+    FIELD_REQUEST_PGN,
     Message,
+    NAME_PGN,
     PROPRIETARY_PGN,
     read,
 )
@@ -20,6 +22,13 @@ from bridge_core.watchdog import Watchdog
 
 _MISFIT_MEMORY = 1.0  # s for which a message that cannot be is told of
 JOYSTICK_PGNS = (BASIC_JOYSTICK_PGN, EXTENDED_JOYSTICK_PGN)
+# All that a session takes, as (identifier, mask); the priority does not count.
+FILTERS = (
+    *((pgn << 8, 0x03FFFF00) for pgn in JOYSTICK_PGNS),
+    (NAME_PGN << 8, 0x03FF0000),
+    (FIELD_REQUEST_PGN << 8, 0x03FF0000),
+    (PROPRIETARY_PGN << 8, 0x03FF0000),
+)
 
 # The frame, its identifier taken apart, and what it says. None: a joystick's, but not sound; a
 # unit may be less strict than we are.

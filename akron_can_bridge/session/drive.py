@@ -4,17 +4,9 @@
 """
 What we tell the unit as one of its joysticks: manual Appendix B, and A1 for SOE mode.
 
-Frames leave every 20 ms while the port is open. They are neutral unless all of this holds:
-
-- the session's ``estop`` is false;
-- the e-stop input was heard within ``estop_in_timeout`` and is false;
-- a command was heard within ``command_timeout``;
-- a frame went out within the 200 ms after which the unit forgets a joystick: a switch that is held
-  would be pressed anew;
-- it began with a neutral one, heard while all else held.
-
-Whatever ended it, what was asked before is forgotten, and it takes a neutral command to begin
-anew.
+Frames leave every 20 ms while the port is open. They are neutral while the gate (see
+bridge_core.gate) is shut. Beside its inputs, what shuts it is a line that took no frame for the
+200 ms after which the unit forgets a joystick: a switch that is held would be pressed anew.
 """
 
 from __future__ import annotations
@@ -37,12 +29,14 @@ from akron_can_bridge.protocol import (
     Status,
 )
 from akron_can_bridge.session.settings import Settings
+from bridge_core.gate import Gate, Policy
 from bridge_core.j1939 import CanFrame, J1939Id
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
+_FORGOTTEN = 'no frame went out for 200 ms, so the unit forgot what was held'
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
 
@@ -70,16 +64,13 @@ class Drive:
     """Decides what goes out. Call ``watch`` after each change and at each deadline."""
 
     def __init__(self, settings: Settings) -> None:
-        self.refused = 0
-        self.last_stop: tuple[str, ...] = ()
+        self.refused = 0  # commands
         self._settings = settings
-        self._heard = Watchdog(settings.command_timeout)
-        self._estop_in = Watchdog(settings.estop_in_timeout)
+        self._gate = Gate(Policy(stop=settings.estop_in_timeout, command=settings.command_timeout))
         self.said = Watchdog(JOYSTICK_TIMEOUT)  # by a frame that went out
         self._limited = Watchdog(settings.estop_in_timeout)
         self._directions: Permission | None = None  # permitted at most; None: nobody ever said
-        self._refusal = ''
-        self._is_open = False  # what is asked goes out
+        self._is_refused = False  # the newest command
         self._command = REST
         self.asked_until = -math.inf  # our command asked the unit to move
         self._press_until = -math.inf
@@ -106,10 +97,8 @@ class Drive:
 
     def forget(self) -> None:
         """Forget what was heard."""
-        self._heard.reset()
-        self._estop_in.reset()
-        self._refusal = ''
-        self._is_open = False
+        self._gate.forget()
+        self._is_refused = False
         self._command = REST
         self._press_until = -math.inf
         unit, permitted = self._permissive
@@ -159,8 +148,8 @@ class Drive:
     @property
     def deadlines(self) -> tuple[float, ...]:
         """When inputs, or what the unit holds, go stale, even if that is past."""
-        watched = (self._heard, self._estop_in, self.said, self._limited)
-        return tuple(each.deadline for each in watched)
+        watched = (self._gate.command, self._gate.stop, self.said, self._limited)
+        return tuple(each.deadline for each in watched if each is not None)
 
     def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
         """
@@ -168,38 +157,29 @@ class Drive:
 
         :param stops: why the session demands a stop.
         """
-        if not self._is_open:
-            return ()
-        reasons = [*self.forbidden(now, stops), *self._missing(now)]
-        return self._shut(reasons, now) if reasons else ()
+        forgotten = self.moving and self.said.expired(now)
+        reasons = self._gate.watch(now, [*stops, *[_FORGOTTEN] * forgotten])
+        if reasons:
+            self._rest(now)
+        return reasons
 
     def forbidden(self, now: float, stops: Sequence[str]) -> list[str]:
         """Say what forbids motion, whatever the command is."""
-        reasons = list(stops)
-        if self._estop_in.expired(now):
-            reasons.append(f'e-stop input is stale: {self._estop_in.describe(now)}')
-        elif self._estop_value:
-            reasons.append('e-stop input is true')
-        return reasons
+        return self._gate.forbidden(now, stops)
 
     def stale(self, now: float) -> bool:
         """Tell whether an input is not heard as often as it must be."""
-        return self._estop_in.expired(now) or self._heard.expired(now)
+        command = self._gate.command
+        late = command is not None and command.expired(now) and not self._is_refused
+        return late or self._gate.stop.expired(now)
 
     def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
         """Say why nothing but neutral goes out; empty while commands do."""
-        if self._is_open:
-            return []
-        reasons = self.forbidden(now, stops) + self._missing(now)
-        reasons = reasons or ['the command must be neutral once']
-        if self.last_stop:
-            reasons.append(f'last stop: {"; ".join(self.last_stop)}')
-        return reasons
+        return self._gate.reasons(now, stops)
 
     def set_estop(self, value: bool, now: float) -> None:
         """Take the e-stop input."""
-        self._estop_in.feed(now)
-        self._estop_value = value
+        self._gate.hear_stop(value, now)
 
     def set_directions(self, directions: Permission, now: float) -> None:
         """Take which directions may be permitted at most; from now on it has to be repeated."""
@@ -218,24 +198,28 @@ class Drive:
 
     def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
         """Take a command. It counts at once, or once a neutral one has come."""
-        self._heard.feed(now)
-        self._refusal = ''
-        if command == REST and not self.forbidden(now, stops):
-            self._is_open = True
-        if self._is_open:
-            self._end_command(now)
+        self._is_refused = False
+        if self._gate.hear_command(now, stops, neutral=command == REST):
+            self._note_push(now)
             self._command = command
             if self.moving:  # a press that went on behind it would resume what it paused
                 self._press_until = -math.inf
 
-    def _end_command(self, now: float) -> None:
+    def refuse_command(self, reason: str, now: float) -> None:
+        """Note a command that makes no sense: there is none that counts until the next one."""
+        self.refused += 1
+        self._is_refused = True
+        self._gate.reject_command(reason, now)
+
+    def _note_push(self, now: float) -> None:
         if self.pushes:
             self.asked_until = now
 
-    def refuse_command(self, reason: str) -> None:
-        """Note a command that makes no sense: there is none that counts until the next one."""
-        self.refused += 1
-        self._refusal = reason
+    def _rest(self, now: float) -> None:
+        """Forget what was asked, and have neutral frames go out with the next poll."""
+        self._note_push(now)
+        self._command = REST
+        self.start(now)
 
     def joystick_frames(self, now: float) -> list[CanFrame]:
         """Return the frames that are due."""
@@ -283,7 +267,8 @@ class Drive:
 
     def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
         """Return neutral, and no permission. No switch: a toggle may start what it is to end."""
-        self._shut(['the node leaves'], now)
+        self._gate.shut(['the node leaves'])
+        self._rest(now)
         frames = self._frames(REST)[: 1 + self._settings.extended]
         if self._settings.soe_permissive and unit is not None:
             frames.append(self._permission(_NOTHING, unit))
@@ -295,21 +280,3 @@ class Drive:
 
     def _permission(self, permitted: Permission, unit: int) -> CanFrame:
         return SoePermissive(permitted).to_frame(self._settings.source_address, unit)
-
-    def _missing(self, now: float) -> list[str]:
-        if self._refusal:
-            return [f'command refused: {self._refusal}']
-        if self._heard.expired(now):
-            return [f'command is stale: {self._heard.describe(now)}']
-        if self.moving and self.said.expired(now):
-            return ['the bus took no frame for 200 ms, so the unit forgot what was held']
-        return []
-
-    def _shut(self, reasons: Sequence[str], now: float) -> tuple[str, ...]:
-        """Forget what was asked, and have a neutral frame go out with the next poll."""
-        self._is_open = False
-        self._end_command(now)
-        self._command = REST
-        self.last_stop = tuple(reasons)
-        self.start(now)
-        return self.last_stop

@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 
 from akron_can_bridge.protocol import PositionLimit, RotationSoftLimits
+from akron_can_bridge.session.drive import Drive
+from akron_can_bridge.session.joysticks import Joysticks
 from akron_can_bridge.session.unit import Unit
 
 _STEP_DEG = 0.5  # less is noise of the sensors
@@ -71,6 +73,47 @@ class Motion:
         """Forget what was reported."""
         self.began_at = self._stepped_at = -math.inf
         self._degrees = [None, None]
+
+
+class Demand:
+    """
+    Who asks the unit to move: our command, or an allowed joystick.
+
+    What goes on by itself is asked for until a stop takes it back, and every stop withholds the
+    SOE permission.
+    """
+
+    def __init__(self, drive: Drive, joysticks: Joysticks) -> None:
+        self.withheld = True  # no SOE permission until a stick is pushed: motion would go on
+        self._is_held = True  # the stick of the command has not been let go since
+        self._automatic = False  # somebody asked for motion that goes on by itself
+        self._automatic_until = -math.inf  # when a stop took that back
+        self._drive, self._joysticks = drive, joysticks
+
+    @property
+    def asked_until(self) -> float:
+        """Until when the unit was asked to move; infinite: it is."""
+        if self._drive.pushes or self._automatic:
+            return math.inf
+        return max(self._automatic_until, self._drive.asked_until, self._joysticks.asked_until)
+
+    def follow(self, now: float, *, stopped: bool) -> None:
+        """Note who asks. :param stopped: motion is forbidden; that ends what can be ended."""
+        drive, joysticks = self._drive, self._joysticks
+        self._automatic |= drive.automatic or joysticks.automatic_asked
+        joysticks.automatic_asked = False
+        self._is_held &= drive.pushes
+        if stopped:
+            self.withhold()
+            if self._automatic:
+                self._automatic, self._automatic_until = False, now
+        elif (drive.pushes and not self._is_held) or joysticks.pushes(now):
+            self.withheld = False
+
+    def withhold(self) -> None:
+        """Give no permission before a stick was let go, and is pushed."""
+        self.withheld = self._is_held = True
+        self._joysticks.stop()
 
 
 class Oscillation:

@@ -80,7 +80,7 @@ def _soe_warnings(session: Session, now: float) -> list[str]:
         return []
     if not session.settings.soe_permissive:
         return ['SOE mode is active, so the unit moves only with permission; set soe_permissive']
-    if session.withheld:
+    if session.demand.withheld:
         return [
             'move the stick to give the SOE permission: each stop takes it back, no reset gives it'
         ]

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-import math
 from typing import Any
 
 from akron_can_bridge import protocol
@@ -19,19 +18,12 @@ from akron_can_bridge.session.drive import Command, Drive
 from akron_can_bridge.session.events import Event, Handover, Request
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.joysticks import Joysticks
-from akron_can_bridge.session.motion import Motion, Oscillation
+from akron_can_bridge.session.motion import Demand, Motion, Oscillation
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import NO_FAULT, Unit
 from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
 from bridge_core.session import Answer, Level, Pacer, Session as BaseSession, Verdict
 
-# All that this session takes, as (identifier, mask); the priority does not count.
-FILTERS = (
-    *((pgn << 8, 0x03FFFF00) for pgn in JOYSTICK_PGNS),
-    (protocol.NAME_PGN << 8, 0x03FF0000),
-    (protocol.FIELD_REQUEST_PGN << 8, 0x03FF0000),
-    (protocol.PROPRIETARY_PGN << 8, 0x03FF0000),
-)
 # Types that count whoever sends them: announcements, and broadcasts of a 6033 and a 6039.
 _FROM_ANYONE = tuple(
     bytes((kind,))
@@ -70,12 +62,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.motion = Motion(self.unit)
         self.oscillation = Oscillation(settings.coast_time)
         self.presses = 0  # of oscillate pause / resume, by stops
-        self.withheld = True  # no SOE permission until a stick is pushed: motion would go on
-        self._is_held = True  # that of the command has not been let go since
+        self.demand = Demand(self.drive, self.joysticks)
         self._asker = Asker(settings.answer_timeout)
         self._was_up = False  # link_up as of the last refresh
-        self._automatic = False  # somebody asked for motion that goes on by itself
-        self._automatic_until = -math.inf  # when a stop took that back
         self._in_setup = False  # the unit, or it may be
         self._informed = False  # of what a session before this one knew
         self._faults: tuple[str, ...] = ()  # as reported last
@@ -210,18 +199,25 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def _follow(self, now: float) -> None:
         if self.link_up != self._was_up:
-            self._withhold()  # be it a stop or not
+            self.demand.withhold()  # be it a stop or not
             self.oscillation.forget()
-            if self.link_up:
-                self._meet(now)
-            else:
+            if not self.link_up:
                 self.unit.lost()
+            elif not self.unit.versions_known:
+                self._asker.start(Request.POLL_VERSIONS, now)
+            if self._vista is not None:
+                self._vista.start(now)
         self._was_up = self.link_up
         if self._asker.overdue(Request.POLL_FAULTS, now):
             self.unit.faults = None
         self._in_setup |= self._asker.overdue(Request.ENTER_SETUP, now)
         self._emit_all(self._asker.expire(now))
-        self._follow_motion(now)
+        if self.settings.pause_on_stop:
+            # What may explain an oscillation, or may have paused it, beside the unit's controls.
+            others = self.joysticks.present(now) or not self.finder.alone
+            if others or (self.drive.pushes and not self.drive.oscillates):
+                self.oscillation.forget()
+        self.demand.follow(now, stopped=bool(self.drive.forbidden(now, self._holds())))
         if reasons := self.drive.watch(now, self._holds()):
             self._emit(events.Stopped(reasons))
         self._emit_all(self.joysticks.expire(now, stopped=self.estop))
@@ -241,9 +237,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return self.drive.due  # what waits longer goes with a slot
 
     def _due_frames(self, now: float) -> list[CanFrame]:
+        stopped = self.demand.withheld or self.drive.forbidden(now, self._holds())
+        permitted = Permission(0) if stopped else self.drive.directions(now)
         return [
             *self.drive.joystick_frames(now),
-            *self.drive.permissive_frames(now, self.finder.address, self._permitted(now)),
+            *self.drive.permissive_frames(now, self.finder.address, permitted),
             *self._questions(now),
         ]
 
@@ -258,7 +256,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def refuse_command(self, reason: str, now: float) -> None:
         """Note a command that makes no sense: there is no fresh one any more."""
         self._expire(now)
-        self.drive.refuse_command(reason)
+        self.drive.refuse_command(reason, now)
         self._refresh(now)
 
     def set_estop(self, value: bool, now: float) -> None:
@@ -331,29 +329,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     @property
     def _coasted_at(self) -> float:
-        """When motion of the unit becomes one that nobody asks for; infinite: somebody does."""
-        if self.drive.pushes or self._automatic:
-            return math.inf
-        asked_until = (self._automatic_until, self.drive.asked_until, self.joysticks.asked_until)
-        return max(self.motion.began_at, *asked_until) + self.settings.coast_time
-
-    def _follow_motion(self, now: float) -> None:
-        """Note who asks the unit to move by itself; a stop ends that as far as it can be ended."""
-        self._automatic |= self.drive.automatic or self.joysticks.automatic_asked
-        self.joysticks.automatic_asked = False
-        if self.settings.pause_on_stop:
-            # What may explain an oscillation, or may have paused it, beside the unit's controls.
-            others = self.joysticks.present(now) or not self.finder.alone
-            if others or (self.drive.pushes and not self.drive.oscillates):
-                self.oscillation.forget()
-        self._is_held &= self.drive.pushes
-        if not self.drive.forbidden(now, self._holds()):
-            pushed = self.drive.pushes and not self._is_held
-            self.withheld &= not (pushed or self.joysticks.pushes(now))
-            return
-        self._withhold()
-        if self._automatic:
-            self._automatic, self._automatic_until = False, now
+        """When motion of the unit becomes one that nobody asks for."""
+        return max(self.motion.began_at, self.demand.asked_until) + self.settings.coast_time
 
     def _take_oscillation(self, message: protocol.RotationSoftLimits, now: float) -> None:
         """
@@ -373,23 +350,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.oscillation.is_ours = False  # there is one try
         self.drive.pause(now)
 
-    def _withhold(self) -> None:
-        """Give no permission before a stick was let go, and is pushed."""
-        self.withheld = self._is_held = True
-        self.joysticks.stop()
-
-    def _permitted(self, now: float) -> Permission:
-        stopped = self.withheld or self.drive.forbidden(now, self._holds())
-        return Permission(0) if stopped else self.drive.directions(now)
-
     # -- questions to the unit --------------------------------------------------------------------
-
-    def _meet(self, now: float) -> None:
-        """Ask what is asked of a unit that is heard for the first time, or again."""
-        if not self.unit.versions_known:
-            self._asker.start(Request.POLL_VERSIONS, now)
-        if self._vista is not None:
-            self._vista.start(now)
 
     def _holds(self) -> list[str]:
         """Return all that keeps the frames neutral, apart from the inputs."""
@@ -453,8 +414,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.unit.take(message, now)
         if isinstance(message, protocol.PositionLimit):
             self.motion.take(message, now)
-            angles = message.rotation.radians, message.elevation.radians
-            self._emit(events.Positions(*angles))
+            self._emit(events.Positions(message.rotation.radians, message.elevation.radians))
         elif isinstance(message, protocol.RotationSoftLimits):
             self._take_oscillation(message, now)
         elif isinstance(message, protocol.EnterSetup):

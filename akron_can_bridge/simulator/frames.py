@@ -106,52 +106,36 @@ def build_announcement(source: int, pin: str, top_bit: bool = True) -> CanFrame:
     return build_message(0xFF, bits(letters + digits), source)
 
 
-# Byte (from 1) and bit (8 to 1) of each fault in type 02.
-FAULTS = {
-    's12': (2, 8),
-    'can_output': (2, 7),
-    'sci_output': (2, 6),
-    'external_eeprom': (3, 8),
-    'fuse': (3, 6),
-    'pcode_syntax': (3, 1),
-    'xgate': (4, 8),
-    'can_input': (4, 7),
-    'sci_input': (4, 6),
-    'output_3': (4, 1),
-    'output_2': (5, 8),
-    'output_1': (5, 7),
-    'axis_5': (5, 6),
-    'axis_4': (5, 5),
-    'axis_3': (5, 4),
-    'axis_2': (5, 3),
-    'axis_1': (5, 2),
-    'internal_eeprom': (5, 1),
-}
-# The same in types 83 and 84.
-OUTPUTS = {
-    'enable': (2, 8),
-    'active': (2, 7),
-    'stowed': (2, 6),
-    'point_aim': (2, 5),
-    'soe': (2, 4),
-    'riser_high': (2, 2),
-    'riser_low': (2, 1),
-    'aux_agent': (3, 8),
-    'discharge': (3, 7),
-    'high_flow': (3, 6),
-    'handheld_led': (3, 5),
-    'remote_mode': (3, 4),
-    'not_in_zone': (3, 3),
-    'point_aim_led': (3, 2),
-    'panel_led': (3, 1),
-}
-MINI_OUTPUTS = {
-    'device_active': (2, 8),
-    'device_faulted': (2, 7),
-    'riser_extended': (3, 2),
-    'riser_retracted': (3, 1),
-}
-INPUTS = {'stow': (2, 3), 'deploy': (2, 2), 'allowed': (2, 1)}
+def _places(rows: dict[int, str]) -> dict[str, tuple[int, int]]:
+    """Return the byte (from 1) and bit (8 to 1) of each name. :param rows: names from bit 8 on."""
+    return {
+        name: (byte, 8 - place)
+        for byte, names in rows.items()
+        for place, name in enumerate(names.split())
+        if name != '-'
+    }
+
+
+# Bits of types 02, 83, 84 and 85, by byte.
+FAULTS = _places(
+    {
+        2: 's12 can_output sci_output',
+        3: 'external_eeprom - fuse - - - - pcode_syntax',
+        4: 'xgate can_input sci_input - - - - output_3',
+        5: 'output_2 output_1 axis_5 axis_4 axis_3 axis_2 axis_1 internal_eeprom',
+    }
+)
+OUTPUTS = _places(
+    {
+        2: 'enable active stowed point_aim soe - riser_high riser_low',
+        3: 'aux_agent discharge high_flow handheld_led remote_mode not_in_zone point_aim_led '
+        'panel_led',
+    }
+)
+MINI_OUTPUTS = _places(
+    {2: 'device_active device_faulted', 3: '- - - - - - riser_extended riser_retracted'}
+)
+INPUTS = _places({2: '- - - - - stow deploy allowed'})
 
 
 def build_flags(names: set[str], places: dict[str, tuple[int, int]], size: int) -> bytes:

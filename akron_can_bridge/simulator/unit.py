@@ -336,9 +336,6 @@ class Simulator:
         _set(self.faults, one_of(FAULTS, name), value)
         self.motion.faulty = {n for n in range(5) if f'axis_{n + 1}' in self.faults}
 
-    def _set_pcode(self, value: str) -> None:
-        self.pcode = int(within(value, 0, 0xFFFF))
-
     def _set_sensor(self, axis: str, state: str) -> None:
         place = {'rotation': 0, 'elevation': 1}[axis]
         self.sensors[place] = {'ok': ON, 'error': ERROR, 'unavailable': ABSENT}[state]
@@ -367,21 +364,18 @@ class Simulator:
         if name != 'allowed' and self.inputs > before:
             self.motion.go(stow=name == 'stow')
 
-    def _set_calibrated(self, value: str) -> None:
-        self.calibrated = switch(value)
-
-    def _set_voltage(self, value: str) -> None:
-        self.voltage = int(within(value, 0, 1023))
-
     def _set_address(self, value: str) -> None:
         self.claim.move(int(within(str(int(value, 16)), 0x80, 0xF7)), self._now)
-
-    def _set_mute(self, value: str) -> None:
-        self.muted = switch(value)
 
     def _set_power(self, value: str) -> None:
         self.power = switch(value)
         self.restart()
+
+    def _set_number(self, name: str, value: str, most: int) -> None:
+        setattr(self, name, int(within(value, 0, most)))
+
+    def _set_switch(self, name: str, value: str) -> None:
+        setattr(self, name, switch(value))
 
     def _set_motion(self, name: str, value: str) -> None:
         setattr(self.motion, name, switch(value))
@@ -401,14 +395,14 @@ class Simulator:
         'limit': ('left|right|down|up DEGREES', _set_soft_limit),
         'physical': ('AXIS -1..1', _set_physical),
         'fault': ('NAME on|off', _set_fault),
-        'pcode': ('0..65535', _set_pcode),
+        'pcode': ('0..65535', lambda unit, value: unit._set_number('pcode', value, 0xFFFF)),
         'sensor': ('rotation|elevation ok|error|unavailable', _set_sensor),
-        'calibrated': ('on|off', _set_calibrated),
+        'calibrated': ('on|off', lambda unit, value: unit._set_switch('calibrated', value)),
         'output': ('NAME on|off', _set_output),
         'input': ('stow|deploy|allowed on|off', _set_input),
-        'voltage': ('0..1023', _set_voltage),
+        'voltage': ('0..1023', lambda unit, value: unit._set_number('voltage', value, 1023)),
         'address': ('80..F7', _set_address),
-        'mute': ('on|off', _set_mute),
+        'mute': ('on|off', lambda unit, value: unit._set_switch('muted', value)),
         'power': ('on|off', _set_power),
         'reboot': ('', restart),
     }

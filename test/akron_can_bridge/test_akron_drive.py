@@ -100,10 +100,10 @@ def test_forgotten_estop_input_is_not_taken_for_released() -> None:
 
 def test_forgotten_command_is_neither_fresh_nor_refused() -> None:
     drive = moving()
-    drive.refuse_command('axis 0 is nan')
+    drive.refuse_command('axis 0 is nan', NOW)
     drive.forget()
     drive.set_estop(False, NOW)
-    assert drive.inhibits(NOW, []) == ['command is stale: never heard, limit 150 ms']
+    assert drive.inhibits(NOW, [])[0] == 'command is stale: never heard, limit 150 ms'
     assert drive.stale(NOW)
 
 

@@ -107,7 +107,7 @@ def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves
     bench.run(1.0, REST)
     assert bench.session.inhibits(bench.now) == []
     assert permission(bench) == 'A10000'
-    assert bench.session.withheld
+    assert bench.session.demand.withheld
     bench.run(2 * SLOT, MOVE)
     assert bench.joystick_frames()[-1] == MOVING
     assert permission(bench) == 'A1000F'
@@ -172,4 +172,4 @@ def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float)
     bench.run(0.5, REST, estop=True)
     bench.run(0.5, REST)
     assert permission(bench) == 'A10000'
-    assert bench.session.withheld
+    assert bench.session.demand.withheld

@@ -250,5 +250,5 @@ def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> Non
     bench.turns = True
     bench.run(0.4, REST)
     bench.run(0.1, REST, estop=True)
-    assert bench.session.withheld
+    assert bench.session.demand.withheld
     assert 'SOE permission' not in str(bench.session.problems(bench.now))

@@ -138,7 +138,7 @@ def test_line_that_takes_nothing_while_the_stick_is_pushed_is_told_once() -> Non
     bench.refuses = everything
     bench.run(0.5, MOVE)
     bench.run(0.5, REST)
-    text = 'the bus took no frame for 200 ms, so the unit forgot what was held'
+    text = 'no frame went out for 200 ms, so the unit forgot what was held'
     assert of(Stopped, bench.events) == [Stopped((text,))]
     assert bench.session.inhibits(bench.now) == []
 

@@ -13,7 +13,6 @@ from typing import Any
 from hypothesis import given, strategies as st
 import pytest
 
-from akron_can_bridge.protocol import BasicJoystick, ExtendedJoystick
 from bridge_core.checksums import crc16_ccitt_false
 import esi_drive_bridge.protocol as esi
 import fort_vsc_bridge.protocol as fort
@@ -160,14 +159,3 @@ def test_messages_that_were_read_are_like_those_that_were_made(name: str) -> Non
         for field in fields(message):
             with pytest.raises(AttributeError):
                 setattr(message, field.name, None)
-
-
-@pytest.mark.parametrize('kind', [BasicJoystick, ExtendedJoystick])
-@given(data=st.binary(min_size=8, max_size=8))
-def test_akron_joystick_is_read_as_the_table_of_its_fields_says(
-    kind: type[BasicJoystick | ExtendedJoystick], data: bytes
-) -> None:
-    message = kind.from_bytes(data)
-    word = int.from_bytes(data, 'big')
-    assert message == kind(**{name: field.read(word) for name, field in kind.FIELDS})
-    assert pickle.loads(pickle.dumps(message)) == message
