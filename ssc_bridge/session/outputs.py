@@ -155,7 +155,7 @@ class Outputs:
         self.limited += self._channels[number - 1].ask(us, now)
         self._in_use = True
 
-    def forget(self) -> list[str]:
+    def forget_commands(self) -> list[str]:
         """Forget all commands: every output goes to its failsafe; return who was commanded."""
         return self._drop([channel for channel in self._channels if channel.command.heard])
 
