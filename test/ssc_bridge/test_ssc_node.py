@@ -16,10 +16,8 @@ from std_msgs.msg import Bool, String, UInt16MultiArray
 from std_srvs.srv import Trigger
 import yaml
 
-from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.node import SscBridge
-from stage.rig import as_yaml, latched, NodeProcess, Observer, Pty, ROOT, wait_for
+from stage.rig import latched, NodeProcess, Observer, Pty, ROOT, wait_for
 from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
 from stage.ssc_rig import build_frame, status
 from stage.talkers import Diagnostics, Talker, values_of
@@ -380,71 +378,6 @@ def test_ended_leaves_the_failsafe(observer: Observer, tmp_path: Path) -> None:
 
 
 # -- parameters -----------------------------------------------------------------------------------
-
-BAD: list[tuple[str, Any]] = [
-    ('baud', 100),
-    ('link_timeout', 0.01),
-    ('link_timeout', float('nan')),
-    ('poll_rates', [20.0]),
-    ('poll_rates', [5.0, 5.0, 5.0, 5.0, 5.0]),
-    ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
-    ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
-    ('estop_states', ['3 ms']),
-    ('lost_link_is_stop', 'no'),
-    ('first_input_nibble', 2),
-    ('plausible_us', [2300, 700]),
-    ('plausible_us', [1200, 2300]),
-    ('tolerate_faulty_axes', 1),
-    ('axes', ['turn', 'turn']),
-    ('axes', ['deadman']),
-    ('calibration.turn.channel', 17),
-    ('calibration.turn.min_us', 1500),
-    ('calibration.turn.deadband', 1.0),
-    ('calibration.roll.channel', 2),
-    ('button.deadman.thresholds_us', [1700, 1300]),
-    ('failsafe', 'pulse'),
-    ('command_rate', 0.0),
-    ('command_timeout', float('inf')),
-    ('lockout_on_start', 'yes'),
-    ('servo.pan.channel', 1),
-    ('poll_rate', [20.0]),
-]
-BAD_SERVOS: list[tuple[str, Any]] = [
-    ('servo.pan.channel', 0),
-    ('servo.tilt.channel', 1),
-    ('servo.pan.min_us', 1600),
-    ('servo.pan.max_us', 32001),
-    ('servo.pan.rate_us_per_s', 0.0),
-    ('servo.pan.failsafe', 'stay'),
-    ('servo.pan.failsafe_us', 1901),
-]
-
-
-@pytest.fixture
-def _handlers() -> Iterator[None]:
-    """Keep the runner's own signal handlers, which a node replaces."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
-
-
-@pytest.mark.usefixtures('_handlers')
-@pytest.mark.parametrize(
-    ('name', 'value', 'others'),
-    [*((n, v, {}) for n, v in BAD), *((n, v, SERVOS) for n, v in BAD_SERVOS)],
-    ids=str,
-)
-def test_bad_parameter_ends_it_with_one_line(
-    name: str, value: Any, others: dict[str, Any], capfd: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ['--ros-args']
-    for key, given in {**others, name: value}.items():
-        arguments += ['-p', f'{key}:={as_yaml(given)}']
-    assert run([SscBridge], arguments) == 2
-    printed = capfd.readouterr().err.splitlines()
-    (line,) = [text for text in printed if text.startswith('rugged_teleop: ')]
-    assert name in line or f'{name.rpartition(".")[0]}: ' in line
 
 
 def test_annotated_configuration_is_read_by_ros(observer: Observer, tmp_path: Path) -> None:
