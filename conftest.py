@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 import pytest
 
 from bridge_core import output
-from bridge_core.transports import can_pumped, can_socket, link, wire
+from bridge_core.transports import active, can_pumped, can_socket, link, wire
 from stage.can_rig import CanBus, make_bus
 from stage.link_rig import Bench
 from stage.rig import ENDING, NodeProcess, Observer, own_domain, Pty
@@ -116,7 +116,8 @@ def observer() -> Iterator[Observer]:
 @pytest.fixture
 def patient_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have a link in this process take all, however late a busy machine lets it."""
-    monkeypatch.setattr(wire, '_FROZEN_TIME', 20.0)
+    for module in (active, wire):
+        monkeypatch.setattr(module, 'FROZEN_TIME', 20.0)
     monkeypatch.setattr(link, 'REQUEST_LIMIT', 20.0)
     monkeypatch.setattr(link, 'ANSWER_TIME', 20.0)
 

@@ -9,7 +9,7 @@ It is written beside the session, which may be in another process than the node.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 import math
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from bridge_core.framing import Counters
 from bridge_core.session import Level, Session
 
 _DAMAGED = '{}: {:.0%} of what comes is damaged'
-_INACTIVE = 'the node is not active'
+NOT_ACTIVE = 'the node is not active'
 
 
 class Status(NamedTuple):
@@ -83,6 +83,47 @@ class Damage:
         return damaged, counters.frames, counters.discarded_bytes, counters.bytes
 
 
+class Reporter:
+    """
+    Tells a report each second, and sooner when a level has changed.
+
+    :param tell: takes a report and the time.
+    """
+
+    _LOOK_PERIOD = 0.1  # s, between two looks at whether a level has changed
+    _PERIOD = 1.0  # s
+
+    def __init__(self, tell: Callable[[Report, float], None]) -> None:
+        self.look_at = 0.0
+        self._tell = tell
+        self._counters: Counters | None = None
+        self._damage = Damage(Counters())
+        self._levels: tuple[Level, ...] = ()
+        self._report_at = 0.0
+
+    def look(
+        self,
+        port: LinkStatus,
+        session: Session[Any, Any, Any] | None,
+        now: float,
+        counts: Callable[[], Mapping[str, int | str]] = dict,
+    ) -> None:
+        """
+        Look at how things stand, and tell it if it is time to.
+
+        :param session: none while the node is not active. :param counts: of the transport.
+        """
+        self.look_at = now + self._LOOK_PERIOD
+        if session is not None and session.counters is not self._counters:
+            self._counters = session.counters
+            self._damage = Damage(session.counters)
+        self._damage.update(now)
+        found = levels(port, session, self._damage, now)
+        if found != self._levels or now >= self._report_at:
+            self._levels, self._report_at = found, now + self._PERIOD
+            self._tell(report(port, session, self._damage, counts(), now), now)
+
+
 def _share(part: int, whole: int) -> float:
     return part / whole if whole else 0.0
 
@@ -109,10 +150,10 @@ def report(
     :param counts: of the transport.
     """
     if session is None:
-        texts = dict.fromkeys([_INACTIVE, *filter(None, [port.error])])
+        texts = dict.fromkeys([NOT_ACTIVE, *filter(None, [port.error])])
         return Report(
             Status(Level.WARN, '; '.join(texts), {}),
-            Status(Level.WARN, f'{_INACTIVE}; ~/estop is true', {}),
+            Status(Level.WARN, f'{NOT_ACTIVE}; ~/estop is true', {}),
         )
     link = _link_status(port, session, damage, now)
     values = _link_values(port, session, counts, now)

@@ -37,12 +37,14 @@ import pytest
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can import CanTransport
 from rugged_teleop.canbuses import channel_of, INTERFACE
+from stage.link_rig import Bench, FakeSession, Output
 from stage.multicast_rig import free_port, run_ip
 from stage.rig import TIMEOUT_FACTOR, wait_for
 
 VARIABLE = 'RUGGED_TELEOP_CAN'
 _ANY_GROUP = '239.255.42.21'
 _numbers = itertools.count(1)
+HELLO = CanFrame(0x18EAFF33, b'\x00\xee\x00')
 
 
 class CanBus:
@@ -183,3 +185,31 @@ def _is_routed() -> bool:
 def free_channel() -> str:
     """Return a channel that no neighbour and no other test uses."""
     return channel_of(free_port())
+
+
+class CanSession(FakeSession):
+    """Keeps the frames that come; says HELLO on an open bus."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[CanFrame] = []
+
+    def opened(self, now: float) -> Output:
+        super().opened(now)
+        return [], [HELLO]
+
+    def receive(self, data: Any, now: float) -> Output:
+        self.heard.append(data)
+        return super().receive(b'x', now)
+
+    def farewell(self, now: float) -> list[Any]:
+        return [CanFrame(0x0CFDD633, bytes(8))]
+
+
+def activate(bench: Bench, bus: CanBus) -> CanTransport:
+    """Have a link open the bus; return its port."""
+    transport = CanTransport(bus.interface, bus.channel)
+    bench.transport = transport
+    bench.activate()
+    wait_for(lambda: bench.status.is_open, 5.0, 'an open bus')
+    return transport

@@ -11,7 +11,7 @@ import pytest
 from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.session import StopChanged, Verdict
-from bridge_core.transports import opener, wire
+from bridge_core.transports import active, opener, wire
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import Mailbox
 from bridge_core.transports.request import Activate, Call, Deactivate, Request
@@ -148,8 +148,9 @@ class WireBench:
                     bench.open_ports()
 
         patch.setattr(clock, 'now', lambda: self.now)
-        patch.setattr(wire, 'ready', self._ready)
-        patch.setattr(wire, 'time', Namespace(sleep=self._sleep))
+        for module in (active, wire):
+            patch.setattr(module, 'ready', self._ready)
+            patch.setattr(module, 'time', Namespace(sleep=self._sleep))
         patch.setattr(opener, 'threading', Namespace(Thread=Thread))
 
     def open_ports(self) -> None:

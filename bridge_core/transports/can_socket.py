@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections import deque
 import contextlib
 import errno
-import fcntl
 import math
 import os
 from pathlib import Path
@@ -35,11 +34,10 @@ from bridge_core.transports.can_port import (
     READS,
     RECEIVE_QUEUE_LIMIT,
 )
+from bridge_core.transports.multicast import IFF_UP, interface_flags
 from bridge_core.waiting import writable
 
 _BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: 'Transmit buffer full'
-_SIOCGIFFLAGS = 0x8913  # linux/sockios.h
-_IFF_UP = 0x1  # linux/if.h
 _LOST = 0.5  # s; after this long without a confirmation one more frame is tried
 _AT_ONCE = 0.05  # s in which a live bus confirms that frame; what it was tried behind is lost
 _SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
@@ -190,10 +188,7 @@ class SocketCanPort:
 
 def _check_interface(name: str) -> None:
     """:raises OSError: no such interface, or it is down. :raises BusOffError: it is bus off."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        request = struct.pack('16s240x', name.encode())
-        (flags,) = struct.unpack_from('H', fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
-    if not flags & _IFF_UP:
+    if not interface_flags(name) & IFF_UP:
         raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
     # Drivers drop the carrier at bus off; IFF_RUNNING follows up to a second later.
     with contextlib.suppress(OSError):

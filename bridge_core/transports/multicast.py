@@ -27,7 +27,7 @@ from bridge_core.transports import TransportError
 _READ_SIZE = 2048  # bytes; larger than any frame, so that an over-long one is detected
 _READS = 64  # datagrams a call: bounds how long a flood delays a stop
 _SIOCGIFFLAGS = 0x8913  # linux/sockios.h
-_IFF_UP, _IFF_RUNNING = 0x1, 0x40  # linux/if.h; the latter: the cable is in
+IFF_UP, _IFF_RUNNING = 0x1, 0x40  # linux/if.h; the latter: the cable is in
 _IP_MULTICAST_ALL = 49  # linux/in.h; 0: only groups that this socket has joined
 _RTMGRP_LINK, _RTMGRP_IPV4_IFADDR = 0x1, 0x10  # linux/rtnetlink.h
 _RTM_NEWADDR, _RTM_GETADDR = 20, 22
@@ -74,7 +74,7 @@ class MulticastTransport:
         self._ttl = ttl
         self._given_address = interface_address
         self._allowed = frozenset(str(ipaddress.IPv4Address(source)) for source in allowed_sources)
-        self._flags = _IFF_UP | (_IFF_RUNNING if needs_cable else 0)
+        self._flags = IFF_UP | (_IFF_RUNNING if needs_cable else 0)
         self._interface = (0, '')  # index and address
         self._input: socket.socket | None = None
         self._sender: socket.socket | None = None
@@ -239,13 +239,18 @@ def _interface_of(address: str, flags: int) -> int:
 
 
 def _has(index: int, flags: int) -> bool:
+    try:
+        return not flags & ~interface_flags(socket.if_indextoname(index))
+    except OSError:  # it has just disappeared
+        return False
+
+
+def interface_flags(name: str) -> int:
+    """Return the flags of a network interface (linux/if.h). :raises OSError: there is none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            request = struct.pack('16s240x', socket.if_indextoname(index).encode())
-            answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
-        except OSError:  # it has just disappeared
-            return False
-    return not flags & ~struct.unpack_from('H', answer, 16)[0]
+        request = struct.pack('16s240x', name.encode())
+        answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
+    return int(struct.unpack_from('H', answer, 16)[0])
 
 
 def addresses() -> list[tuple[int, bytes]]:

@@ -12,7 +12,7 @@ runs it, or a process of its own: see link.py and process.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 import contextlib
 import math
 import time
@@ -20,10 +20,10 @@ import traceback
 from typing import Any, Generic
 
 from bridge_core import clock
-from bridge_core.framing import Counters
-from bridge_core.report import Damage, levels, LinkStatus, report
-from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
+from bridge_core.report import LinkStatus, NOT_ACTIVE, Reporter
+from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
+from bridge_core.transports.active import Active, FROZEN_TIME, SHORTEST_WAIT
 from bridge_core.transports.bridge import Bridge, Owner, Requests
 from bridge_core.transports.opener import Opener
 from bridge_core.transports.request import Activate, Call, Request
@@ -32,17 +32,8 @@ from bridge_core.waiting import FAULT_PAUSE, ready
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
-# Nobody is called sooner than this again after having been called: who keeps saying "now" is at
-# fault, and must not take the whole processor.
-_SHORTEST_WAIT = 0.0005
-_FAREWELL_TIME = 0.1
 _OPEN_TIME = 0.25  # s that the farewell waits for a port that is being opened
 _LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
-# Waking this much later than meant, this process was frozen: what waits in the port is old news.
-_FROZEN_TIME = 0.2
-_DISCARD_READS = 1000
-_LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
-_REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 
 
@@ -63,24 +54,19 @@ class Wire(Generic[FrameT]):
         reconnect_period: float = 1.0,
         tap: Tap | None = None,
     ) -> None:
-        self.status = LinkStatus(error='the node is not active')
+        self.status = LinkStatus(error=NOT_ACTIVE)
         self._bridge = bridge
         self._owner = owner
         self._requests = requests
         self._reconnect_period = reconnect_period
         self._tap = tap
         self._opener: Opener[FrameT] = Opener()
-        self._transport: Transport[FrameT] | None = None
-        self._session: Session[FrameT, Any, Any] | None = None
-        self._left: Session[FrameT, Any, Any] | None = None  # the one before, of a wire at rest
-        self._resting = False
-        self._damage = Damage(Counters())
-        self._levels: tuple[Level, ...] = ()
+        self._active: Active[FrameT] | None = None
+        self._left: Session[FrameT, Any, Any] | None = None  # of the one before
+        self._reporter = Reporter(lambda report, now: self._owner.on_report(report, now))
         self._backoff = BACKOFF_START
         self._open_at = math.inf
-        self._pace_at = self._polled_at = self._complain_at = self._stepped_at = 0.0
-        self._retry_at = 0.0  # not before, as the line took no frame
-        self._look_at = self._report_at = 0.0
+        self._pace_at = self._complain_at = self._stepped_at = 0.0
         self.left_safe = True  # no device, or the farewell was said to it
         self._quit = False  # there will be no more requests
 
@@ -129,7 +115,7 @@ class Wire(Generic[FrameT]):
         frozen = now - meant
         self._stepped_at = now
         self._take_opened(now)  # first: a freeze makes old news of what waits in a new port, too
-        if frozen > _FROZEN_TIME and self.status.is_open:
+        if frozen > FROZEN_TIME and self.status.is_open:
             self._guarded(lambda: self._forget_backlog(frozen, now))
             found = [each for each in found if each != self._port()]
         if self._requests.fileno() in found:
@@ -141,9 +127,11 @@ class Wire(Generic[FrameT]):
                 self._exchange(readable, now)
         elif now >= self._open_at:
             self._guarded(self._start_opening)
-        if now >= self._look_at:  # guarded: words that fail again and again must not end the pace
+        if (
+            now >= self._reporter.look_at
+        ):  # guarded: words that fail again and again must not end the pace
             self._guarded(lambda: self._report(now))
-        self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
+        self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
 
     def _wait(self) -> tuple[float, float, list[int]]:
         """
@@ -152,12 +140,11 @@ class Wire(Generic[FrameT]):
         They are when this should be over, counted from the last step, as the process may have been
         frozen in the midst of that one too, and when the session is due.
         """
-        deadline = min(self._pace_at, self._open_at, self._look_at)
+        deadline = min(self._pace_at, self._open_at, self._reporter.look_at)
         descriptors = [self._requests.fileno(), self._opener.fileno()]
         due = math.inf
-        if self._session is not None and self.status.is_open:
-            earliest = max(self._polled_at + _SHORTEST_WAIT, self._retry_at)
-            due = max(self._session.deadline(), earliest)
+        if self._active is not None and self.status.is_open:
+            due = self._active.due()
             descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
         found = ready(descriptors, timeout)
@@ -166,22 +153,30 @@ class Wire(Generic[FrameT]):
         return self._stepped_at + timeout, due, found
 
     def _port(self) -> int:
-        return -1 if self._transport is None else self._transport.fileno()
+        return -1 if self._active is None else self._active.transport.fileno()
 
     def interrupt(self, reason: str, now: float) -> None:
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
         verdict, told = Verdict.stop(self.status.error, link_up=False), False
         ended: Sequence[Any] = ()
-        if self._session is not None and self.status.is_open:
-            before = self._session.verdict
-            self._session.interrupted(reason, now)
-            verdict = self._session.verdict
+        if self._active is not None and self.status.is_open:
+            session = self._active.session
+            before = session.verdict
+            session.interrupted(reason, now)
+            verdict = session.verdict
             told = verdict != before
             self._exchange(False, now)
-        elif last := self._session or self._left:
+        elif last := self._active.session if self._active else self._left:
             ended = last.closed(now)  # says again what it said as the port went
         if not told:  # it has stopped before, and it may be just that which was lost
             self._owner.on_events([StopChanged(verdict), *ended], now)
+
+    def _report(self, now: float) -> None:
+        if self._active is None:
+            self._reporter.look(self.status, None, now)
+        else:
+            shown = None if self._active.resting else self._active.session
+            self._reporter.look(self.status, shown, now, self._active.transport.counts)
 
     # -- what is asked ----------------------------------------------------------------------------
 
@@ -209,26 +204,11 @@ class Wire(Generic[FrameT]):
             self._requests.done(request.number, error)
 
     def _serve_call(self, call: Call, request: Request, now: float) -> None:
-        refusal = self._ask(call, request, now)
+        refusal = self._active.ask(call, request, now) if self._active else NOT_ACTIVE
         if self.status.is_open:  # even then: a refused command may be a stop
             self._exchange(False, now)
         if refusal:
             self._owner.on_refused(request.number, request.key, refusal)
-
-    def _ask(self, call: Call, request: Request, now: float) -> str:
-        """Have the session do it; return why it refuses."""
-        if self._session is None or self._resting:
-            return 'the node is not active'
-        age = now - request.at
-        if age > request.limit and not request.stop:
-            return f'it waited for {age * 1e3:.0f} ms, as this node was held up'
-        if request.waits and not self.status.is_open:
-            return self.status.error
-        try:
-            call.on(self._session, now)
-        except ValueError as error:
-            return str(error)
-        return ''
 
     def _activate(self, wanted: Activate, now: float) -> None:
         values, resting = wanted
@@ -236,69 +216,62 @@ class Wire(Generic[FrameT]):
         assert make is not None
         session, transport = make(values), self._bridge.make_transport(values)
         self._deactivate(now)
-        self._transport, self._session, self._resting = transport, session, resting
         self.left_safe = False
-        self._damage = Damage(session.counters)
         self.status = LinkStatus()
+        self._active = Active(
+            session,
+            transport,
+            resting=resting,
+            status=self.status,
+            tell=self._tell,
+            tap=self._tap,
+        )
         self._backoff = BACKOFF_START
         self._open_at = now
         self._report(now)
 
     def _deactivate(self, now: float, patience: float = _OPEN_TIME) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
-        if (
-            self._opener.port is None and now >= self._open_at
-        ):  # of just now: the device may be moving
+        if self._opener.port is None and now >= self._open_at:  # just now: it may be moving
             self._guarded(self._start_opening)
+        self._wait_for_port(patience)
+        now = clock.now()
+        active, was_open = self._active, self.status.is_open
+        self._active = None  # first, so that no fault below opens it again
+        self._open_at = math.inf
+        self.status.is_open, self.status.error = False, NOT_ACTIVE
+        if active is None:
+            return
+        self._left = active.session
+        if was_open:
+            with contextlib.ExitStack() as last:  # last one first, and each if another one fails
+                last.callback(active.transport.close)
+                # The stop is published before the port is closed, which may take a while.
+                last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
+                self._say_farewell(active, now)
+
+    def _wait_for_port(self, patience: float) -> None:
+        """Wait for a port that is being opened, ``patience`` s at most."""
         now = clock.now()
         end = now + patience
-        while self._opener.port is not None and self._opener.port is self._transport:
+        while self._is_opening():
             left = end - now
             if left <= 0.0:
-                text = f'no farewell: {self._transport.name} was still being opened'
-                self._owner.link_changed(text, False)
-                break
+                name = self._opener.port.name if self._opener.port else ''
+                self._owner.link_changed(f'no farewell: {name} was still being opened', False)
+                return
             # Not to be taken for a wire that hangs, nor to take itself for one. What fails here
             # fails in each step, too, and is told there.
             self._pace_at = now + BACKOFF_START
             with contextlib.suppress(Exception):
-                self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
+                self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
             if ready([self._opener.fileno()], min(left, self._pace_at - now)):
                 self._opener.heard()
             now = clock.now()
             self._take_opened(now)
-        transport, session, was_open = self._transport, self._session, self.status.is_open
-        self._left = session or self._left
-        self._transport = self._session = None  # first, so that no fault below opens it again
-        self._open_at = math.inf
-        self.status.is_open, self.status.error = False, 'the node is not active'
-        if transport is None or session is None or not was_open:
-            return
-        with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
-            last.callback(transport.close)
-            # The stop is published before the port is closed, which may take a while.
-            last.callback(lambda: self._owner.on_events(session.closed(now), now))
-            self._say_farewell(transport, session, now)
 
-    def _say_farewell(
-        self, transport: Transport[FrameT], session: Session[FrameT, Any, Any], now: float
-    ) -> None:
-        """Send it, and tell the session of each frame that does not go out, as ever."""
-        end = clock.now() + _FAREWELL_TIME
-        error = ''
-        for frame in session.farewell(now):
-            try:
-                # A line busy with earlier frames is no reason to leave the device moving.
-                while not (taken := transport.send(frame)) and clock.now() < end:
-                    time.sleep(0.001)
-            except TransportError as failure:
-                taken, error = False, str(failure)
-            if taken:
-                session.sent(frame, now)
-                self._show(True, [frame], clock.now())
-            else:
-                session.refused(frame, now)
-                error = error or f'{transport.name} takes nothing'
+    def _say_farewell(self, active: Active[FrameT], now: float) -> None:
+        error = active.say_farewell(now)
         self.left_safe = not error
         if error:
             self._owner.link_changed(f'no farewell: {error}', False)
@@ -306,72 +279,39 @@ class Wire(Generic[FrameT]):
     # -- port and session -------------------------------------------------------------------------
 
     def _exchange(self, readable: bool, now: float) -> None:
-        assert self._transport is not None
-        assert self._session is not None
+        assert self._active is not None
         try:
-            if readable:
-                for data in self._transport.receive():
-                    self._deliver(self._session.receive(data, now), now)
-                    self._show(False, [data], now)
-            self._deliver(self._session.poll(now), now)
-            self._polled_at = now
+            self._active.exchange(readable, now)
         except TransportError as error:
             self._lose(str(error), now)
             return
-        if self._session.link_up:
+        if self._active.session.link_up:
             self._backoff = BACKOFF_START
 
-    def _deliver(self, output: tuple[Sequence[Any], Sequence[FrameT]], now: float) -> None:
-        """
-        Frames first (a stop on the wire), then the events, also where the port fails.
-
-        Frames are dropped if there was a freeze since they were made: the next step says stop.
-        The session is told of each that does not go out, for it may count on what it has sent.
-        """
-        assert self._transport is not None
-        assert self._session is not None
-        events, frames = output
-        taken: list[FrameT] = []
-        try:
-            for frame in frames:
-                if clock.now() - now <= _FROZEN_TIME and self._transport.send(frame):
-                    self.status.sent += 1
-                    taken.append(frame)
-                    self._session.sent(frame, now)
-                else:
-                    self.status.dropped += 1
-                    self._retry_at = now + RETRY
-                    self._session.refused(frame, now)
-        finally:
-            at = clock.now()
-            if events:
-                self._owner.on_events(events, now)
-                if any(isinstance(event, StopChanged) for event in events):
-                    self._look_at = now + _WORDS_TIME  # its reason is in the report
-            self._show(True, taken, at)
-
-    def _show(self, sent: bool, frames: Iterable[FrameT], at: float) -> None:
-        if self._tap is not None:
-            for frame in frames:
-                self._tap.note(sent, frame, at)  # type: ignore[arg-type]
+    def _tell(self, events: Sequence[Any], now: float) -> None:
+        self._owner.on_events(events, now)
+        if any(isinstance(event, StopChanged) for event in events):
+            self._reporter.look_at = now + _WORDS_TIME  # its reason is in the report
 
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""
-        assert self._transport is not None
+        assert self._active is not None
         try:
-            for _ in range(_DISCARD_READS):
-                if not ready([self._transport.fileno()], 0.0):
-                    break
-                self._transport.receive()
+            self._active.discard()
         except TransportError as error:
             self._lose(str(error), now)
             return
         reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
         self.interrupt(f'{reason}; if it happens again, give the computer less work', now)
 
+    def _is_opening(self) -> bool:
+        """Tell whether a thread is at work to open the port of now."""
+        port = self._opener.port
+        return port is not None and self._active is not None and port is self._active.transport
+
     def _start_opening(self) -> None:
-        assert self._transport is not None
-        self._opener.start(self._transport)
+        assert self._active is not None
+        self._opener.start(self._active.transport)
         self._open_at = math.inf
 
     def _take_opened(self, now: float) -> None:
@@ -379,7 +319,8 @@ class Wire(Generic[FrameT]):
             self._guarded(lambda: self._opened(transport, error, now))  # noqa: B023 - called here
 
     def _opened(self, transport: Transport[FrameT], error: str, now: float) -> None:
-        if transport is not self._transport or self._session is None:
+        active = self._active
+        if active is None or transport is not active.transport:
             transport.close()  # deactivated meanwhile
         elif error:
             self._retry_later(error, now)
@@ -387,13 +328,11 @@ class Wire(Generic[FrameT]):
             self.status.is_open, self.status.error = True, ''
             self.status.opens += 1
             self.left_safe = False
-            self._polled_at = now
             device = getattr(transport, 'device', '')  # serial ports tell it
             text = f'{transport.name} opened' + f': {device}' * bool(device)
             self._owner.link_changed(text, True)
             try:
-                self._deliver(self._session.opened(now), now)
-                self._exchange(False, now)
+                active.begin(now)
             except TransportError as failure:
                 self._lose(str(failure), now)
 
@@ -404,39 +343,25 @@ class Wire(Generic[FrameT]):
         :param at_fault: it is not gone, it is this wire that has to begin anew: say farewell, as
             nobody knows for how long the device will hear nothing.
         """
-        transport, session, was_open = self._transport, self._session, self.status.is_open
-        if transport is None or session is None:
+        active, was_open = self._active, self.status.is_open
+        if active is None:
             self._complain(lambda: self._owner.link_changed(error, False), now)
             return
         with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
-            if self._opener.port is not transport:
-                last.callback(transport.close)
+            if not self._is_opening():
+                last.callback(active.transport.close)
             if was_open:
-                last.callback(lambda: self._owner.on_events(session.closed(now), now))
+                last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
             last.callback(self._retry_later, error, now)
             if was_open and at_fault:
-                self._say_farewell(transport, session, now)
+                self._say_farewell(active, now)
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error
         self.status.is_open, self.status.error = False, error
-        if self._opener.port is not self._transport:  # else its end decides what comes next
+        if not self._is_opening():  # else its end decides what comes next
             self._open_at = now + self._backoff
         self._backoff = min(2 * self._backoff, self._reconnect_period)
         if news:
             self._owner.link_changed(error, False)
-            self._look_at = now
-
-    # -- what is said of it -----------------------------------------------------------------------
-
-    def _report(self, now: float) -> None:
-        """Give the report to the owner if a level has changed, or if it is time to."""
-        self._look_at = now + _LOOK_PERIOD
-        session = None if self._resting else self._session
-        self._damage.update(now)
-        found = levels(self.status, session, self._damage, now)
-        if found != self._levels or now >= self._report_at:
-            self._levels, self._report_at = found, now + _REPORT_PERIOD
-            counts = {} if self._transport is None else self._transport.counts()
-            said = report(self.status, session, self._damage, counts, now)
-            self._owner.on_report(said, now)
+            self._reporter.look_at = now

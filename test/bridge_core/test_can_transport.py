@@ -306,3 +306,13 @@ def test_flood_that_nobody_reads_is_counted_and_loses_the_bus() -> None:
     peer.send(message(LAST.identifier, LAST.data))
     assert arrives(transport) == []
     bus.close()
+
+
+def test_frame_that_cannot_be_is_counted() -> None:
+    bus = CanBus('virtual', 'impossible')
+    peer, transport = bus.endpoint(), bus.transport()
+    peer.send(can.Message(arbitration_id=1 << 29, is_extended_id=True, check=False))
+    peer.send(message(LAST.identifier, LAST.data))
+    assert arrives(transport) == []
+    assert counted(transport) == {'impossible frames': 1}
+    bus.close()

@@ -43,21 +43,6 @@ def test_wire_that_was_silent_and_is_heard_again_goes_on(bench: LinkBench) -> No
     assert bench.owner.told[-1] is False
 
 
-def test_wire_that_closes_its_port_has_time_for_what_the_line_has_to_send(
-    bench: LinkBench,
-) -> None:
-    """Up to 0.12 s at 9600 baud; one that hangs amid it is no healthy one all the same."""
-    bench.run()
-    began = bench.now
-    bench.command(1, 'deactivate', [])
-    while bench.now < began + 0.18:
-        bench.step()
-    assert 'hangs' not in str(bench.owner.log)
-    while bench.now < began + 0.19:
-        bench.step()
-    assert 'hangs' in str(bench.owner.log)
-
-
 def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: LinkBench) -> None:
     bench.run()
     bench.owner.verdicts.clear()
@@ -184,22 +169,6 @@ def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> N
     assert heard == ['event first', 'event last', 'lost']
 
 
-@pytest.mark.parametrize(('error', 'in_force'), [('', ['3 activate']), ('bad values', [])])
-def test_command_whose_end_found_no_room_has_ended_with_one_behind_it(
-    bench: LinkBench, error: str, in_force: list[str]
-) -> None:
-    told: list[int] = []
-    bench.command(1, 'activate', told)
-    bench.wire.done(1, '')
-    bench.step()
-    for number, name in ((2, 'deactivate'), (3, 'activate'), (4, 'activate')):
-        bench.command(number, name, told)
-    bench.wire.done(3, error)
-    bench.step()
-    assert told == [1, 2, 3]
-    assert bench.replace() == [*in_force, '4 activate']
-
-
 def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
     bench: LinkBench,
 ) -> None:
@@ -259,12 +228,6 @@ def test_wire_has_the_priority_of_its_own_node(
 # -- silence, and what is told of it --------------------------------------------------------------
 
 
-def test_word_of_the_wire_is_told_at_once(bench: LinkBench) -> None:
-    began = bench.now
-    bench.run()
-    assert bench.now == began
-
-
 def test_wire_that_hangs_is_a_stop_and_is_killed_soon_and_again_where_it_stays(
     bench: LinkBench,
 ) -> None:
@@ -298,14 +261,6 @@ def test_stop_is_repeated_while_there_is_no_wire(bench: LinkBench) -> None:
         bench.step()
     assert len(bench.owner.told) > 9
     assert all(bench.owner.told)
-
-
-def test_owner_that_cannot_be_paced_is_tried_again_a_while_later(bench: LinkBench) -> None:
-    bench.run()
-    bench.owner.faults = {'pace'}
-    bench.owner.paced.clear()
-    bench.step_until(bench.now + 1.0)
-    assert 10 < len(bench.owner.paced) < 50
 
 
 def test_trouble_is_reported_at_once_and_each_second(bench: LinkBench) -> None:
@@ -408,21 +363,6 @@ def test_what_the_session_refuses_is_told(bench: LinkBench) -> None:
 
 
 # -- commands -------------------------------------------------------------------------------------
-
-
-def test_activation_that_is_waited_for_is_none_to_go_back_to(bench: LinkBench) -> None:
-    bench.command(1, 'activate', [])
-    bench.command(2, 'activate', [])
-    assert bench.replace() == ['1 activate', '2 activate']
-
-
-def test_deactivation_of_what_is_not_active_ends(bench: LinkBench) -> None:
-    told: list[int] = []
-    bench.command(1, 'deactivate', told)
-    bench.wire.done(1, '')
-    bench.step()
-    assert told == [1]
-    assert not bench.troubles()
 
 
 @pytest.mark.parametrize(

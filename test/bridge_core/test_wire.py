@@ -733,9 +733,9 @@ def test_report_follows_a_stop_shortly_but_leaves_the_stop_its_time(bench: WireB
 def test_report_does_not_hurry_for_an_event_that_is_no_stop(bench: WireBench) -> None:
     bench.run()
     bench.go_on(0.05)
-    look_at = bench.wire._look_at
+    look_at = bench.wire._reporter.look_at
     bench.hear(b'y')
-    assert bench.wire._look_at == look_at
+    assert bench.wire._reporter.look_at == look_at
 
 
 def test_level_that_changes_by_itself_is_reported_within_a_tenth_of_a_second(
@@ -998,7 +998,7 @@ def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(
     assert bench.port.sent == FAREWELL
     assert bench.session.calls[-2:] == ['farewell', 'closed']
     assert not bench.port.is_open
-    assert bench.wire._opener.fileno() == -1
+    assert bench.wire._opener.fileno() == bench.wire._opener._wake.fileno() == -1
     assert 'interrupted' not in bench.session.calls
     assert not any('internal error' in line for line in bench.owner.log)
 
@@ -1135,7 +1135,7 @@ def test_owner_that_cannot_log_the_loss_of_a_port_gets_its_stop(bench: WireBench
 def test_report_that_fails_each_time_does_not_silence_the_stop(bench: WireBench) -> None:
     bench.expects_fault = True
     bench.run()
-    bench.wire._levels = ()
+    bench.wire._reporter._levels = ()
     bench.session.problems = fault  # type: ignore[method-assign,assignment]
     bench.owner.paced.clear()
     bench.waits.clear()

@@ -29,11 +29,19 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_port import READS
-from stage.can_rig import CanBus, message, receive, VARIABLE, VirtualInterface, wait_frames
+from stage.can_rig import (
+    activate,
+    CanBus,
+    CanSession,
+    message,
+    receive,
+    VARIABLE,
+    VirtualInterface,
+    wait_frames,
+)
 from stage.link_rig import Bench
 from stage.multicast_rig import run_ip
 from stage.rig import wait_for
-from test.system.test_can_link import activate, CanSession
 
 pytestmark = [
     pytest.mark.real_can,
