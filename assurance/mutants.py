@@ -125,7 +125,7 @@ _NAMES_OF_TESTS = {
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
-        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
+        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors', 'akron_dbc'),
         *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
     ),
     'vm110_bridge/session': (

@@ -14,17 +14,11 @@ from akron_can_bridge import protocol
 from akron_can_bridge.protocol import (
     AddressAnnouncement,
     Axis,
-    BasicJoystick,
-    DigitalInputs,
-    DigitalOutputs,
-    ExtendedJoystick,
-    FaultStatus,
-    MiniOutputs,
+    Fault,
+    Output,
     Position,
-    PositionLimit,
-    SoePermissive,
     Status,
-    VistaData,
+    Vista,
     Writable,
 )
 from bridge_core.framing import FrameError
@@ -82,88 +76,16 @@ def test_every_used_bit_comes_back_and_every_unused_one_is_ignored(
             assert walked.to_bytes() == bytes(flipped)
 
 
-# Of each byte the names of its bits, from bit 8 to 1 as the manual counts them.
-FAULTS = {
-    2: 'S12 processor or code|CAN output overrun|SCI output overrun|||||',
-    3: 'external EEPROM||internal fuse blown|||||pCode syntax error',
-    4: 'XGATE processor or code|CAN input overrun|SCI input overrun|||||digital output 3',
-    5: 'digital output 2|digital output 1|motor axis 5|motor axis 4|motor axis 3|motor axis 2'
-    '|motor axis 1|internal EEPROM',
-}
-OUTPUTS = {
-    2: 'enable|active|stowed|point aim mode active|SOE mode active|||',
-    3: 'aux agent dispense|discharge|high flow|handheld LED|remote mode|not in exclusion zone'
-    '|point aim LED|panel LED',
-}
-MINI_OUTPUTS = {
-    2: 'device active|device faulted||||||',
-    3: '||||||riser extended|riser retracted',
-}
-INPUTS = {2: '|||||stow|deploy|allowed in collision zone'}
-PERMISSIONS = {3: '||||down|up|left|right'}
-VISTA = {
-    3: '||K1 relay reset|K1 relay set|digital output 3|digital output 2|digital output 1'
-    '|digital input 5L',
-    4: 'digital input 5H|digital input 4L|digital input 4H|digital input 3L|digital input 3H'
-    '|digital input 2L|digital input 2H|digital input 1',
-    6: '||||||joystick switch 10|joystick switch 3',
-    8: '||joystick switch 2|joystick switch 1|joystick Y forward|joystick Y back|joystick X left'
-    '|joystick X right',
-}
-FLAGS: list[tuple[type[Writable], int, str, dict[int, str]]] = [
-    (FaultStatus, 7, 'faults', FAULTS),
-    (DigitalOutputs, 3, 'outputs', OUTPUTS),
-    (MiniOutputs, 3, 'outputs', MINI_OUTPUTS),
-    (DigitalInputs, 2, 'inputs', INPUTS),
-    (SoePermissive, 3, 'permitted', PERMISSIONS),
-    (VistaData, 8, 'bits', VISTA),
-]
-
-
-@pytest.mark.parametrize(('kind', 'length', 'field', 'table'), FLAGS)
-def test_every_flag_by_its_name(
-    kind: type[Writable], length: int, field: str, table: dict[int, str]
-) -> None:
-    names = []
-    for byte, text in table.items():
-        for place, name in enumerate(text.split('|')):
-            data = bytearray(length)
-            data[0] = kind.TYPE or 0
-            data[byte - 1] |= 0x80 >> place
-            message = kind.from_bytes(bytes(data))
-            assert protocol.flag_names(getattr(message, field)) == [name] * bool(name)
-            names += [name] * bool(name)
-    everything = kind.from_bytes(bytes((kind.TYPE or 0,)) + b'\xff' * (length - 1))
-    assert protocol.flag_names(getattr(everything, field)) == names
-
-
-# Place of each two-bit status: byte, and its upper bit.
-@pytest.mark.parametrize('status', Status)
-def test_every_status_of_a_message_in_its_place(status: Status) -> None:
-    stops = [(6, 8), (6, 6), (6, 4), (6, 2), (7, 8), (7, 6), (7, 4), (7, 2), (8, 8), (8, 6)]
-    for place, (byte, bit) in enumerate(stops):
-        limits = PositionLimit.from_bytes(_with_status(8, 1, byte, bit, status))
-        assert limits.hard_stops == (*[OFF] * place, status, *[OFF] * (9 - place))
-    assert PositionLimit.from_bytes(_with_status(8, 1, 8, 4, status)).operational_error is status
-    assert PositionLimit.from_bytes(_with_status(8, 1, 8, 2, status)).calibration is status
-    for number in range(1, 13):
-        byte, bit = 6 + (number - 1) // 4, 8 - 2 * ((number - 1) % 4)
-        basic = BasicJoystick.from_bytes(_with_status(8, 0, byte, bit, status))
-        assert basic.switches == (*[OFF] * (number - 1), status, *[OFF] * (12 - number))
-    for place, bit in enumerate((8, 6, 4, 2)):
-        extended = ExtendedJoystick.from_bytes(_with_status(8, 0, 8, bit, status))
-        assert extended.switches == (*[OFF] * place, status, *[OFF] * (3 - place))
-    basic = BasicJoystick.from_bytes(_with_status(8, 0, 5, 6, status))
-    assert basic.detents == (OFF, status)
-    extended = ExtendedJoystick.from_bytes(_with_status(8, 0, 7, 4, status))
-    assert extended.detents == (OFF, OFF, status)
-
-
-def _with_status(length: int, kind: int, byte: int, bit: int, status: Status) -> bytes:
-    data = bytearray(length)
-    data[0] = kind
-    data[byte - 1] |= status << (bit - 2)
-    return bytes(data)
+def test_flags_are_named_in_the_manuals_words_from_the_top_down() -> None:
+    """Which bit each of them is, the DBC file says."""
+    faults = Fault.SCI_OUTPUT_OVERRUN | Fault.PCODE_SYNTAX_ERROR | Fault.MOTOR_AXIS_1
+    assert protocol.flag_names(faults) == [
+        *('SCI output overrun', 'pCode syntax error', 'motor axis 1'),
+    ]
+    vista = Vista.K1_RELAY_SET | Vista.DIGITAL_INPUT_5L | Vista.JOYSTICK_X_RIGHT
+    assert protocol.flag_names(vista) == ['K1 relay set', 'digital input 5L', 'joystick X right']
+    outputs = Output.SOE_MODE_ACTIVE | Output.PANEL_LED
+    assert protocol.flag_names(outputs) == ['SOE mode active', 'panel LED']
 
 
 # -- deflections and positions --------------------------------------------------------------------
