@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 import pytest
 
 from bridge_core import output
-from bridge_core.transports import can_ports, link, wire
+from bridge_core.transports import can_pumped, can_socket, link, wire
 from stage.can_rig import CanBus, make_bus
 from stage.link_rig import Bench
 from stage.rig import ENDING, NodeProcess, Observer, own_domain, Pty
@@ -143,7 +143,8 @@ def can_bus() -> Iterator[CanBus]:
 @pytest.fixture
 def patient_writer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keep a CAN port's frames for a writer thread that a busy machine holds up."""
-    monkeypatch.setattr(can_ports, '_OLD', 20.0)
+    for module in (can_pumped, can_socket):
+        monkeypatch.setattr(module, 'OLD', 20.0)
 
 
 @pytest.fixture

@@ -22,6 +22,8 @@ def _simulation(values: Mapping[str, Any]) -> Simulation:
 DEVICE = Device(
     name='akron_can_bridge',
     node_class='AkronCanBridge',
+    title='Fire monitor',
+    marks=frozenset(('limits', 'joint_states')),
     page='docs/devices/akron.md',
     launch=2,
     actuator=True,

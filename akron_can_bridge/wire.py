@@ -11,8 +11,8 @@ from typing import Any
 from akron_can_bridge.session import FILTERS, Resting, Session, Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import Transport
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.can_channel import check_channel
-from bridge_core.transports.wire import Bridge
 
 
 def make_session(values: Mapping[str, Any]) -> Session:

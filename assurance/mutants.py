@@ -54,7 +54,9 @@ _AKRON = (
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
-_PROCESSES = tuple(f'process_link_{name}' for name in ('steps', 'starts', 'exploration'))
+_PROCESSES = (
+    *('process_link_steps', 'process_link_starts', 'wire_process', 'process_link_exploration'),
+)
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder. What takes long comes last: most mutants are dead by then.
 _NAMES_OF_TESTS = {
@@ -73,7 +75,8 @@ _NAMES_OF_TESTS = {
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
     'bridge_core/lane.py': ('lane',),
-    'bridge_core/transports/link.py': ('link', 'link_faults', 'mailbox'),
+    'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
+    'bridge_core/transports/link.py': ('link', 'mailbox'),
     'bridge_core/transports/wire.py': ('wire',),
     'bridge_core/supervisor.py': _PROCESSES,
     'bridge_core/transports/child.py': _PROCESSES,
@@ -116,10 +119,10 @@ _NAMES_OF_TESTS = {
         *_VSC,
     ),
     'ssc_bridge/session': (
-        *('ssc_outputs', 'ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
+        *('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
     ),
     'ssc_bridge/channels.py': (
-        *('ssc_channels', 'ssc_convert', 'ssc_outputs', 'ssc_session_outputs'),
+        *('ssc_channels', 'ssc_convert', 'ssc_session_outputs'),
         *('ssc_session_aux', 'session_settings'),
     ),
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),

@@ -55,6 +55,8 @@ class Device:
     One kind of device.
 
     :param name: of its node and of its package. :param node_class: in the package's ``node``.
+    :param title: for people; empty: the name. :param marks: topics by which the status page knows
+        it, however its node is called.
     :param page: its documentation. :param launch: where in the stack it starts, ascending.
     :param actuator: it moves something: its wire has a process, and it needs commands to speak.
     :param operator: it has sticks that are of no use unheard. :param drive: it obeys commands of
@@ -76,6 +78,8 @@ class Device:
     simulation: Callable[[Mapping[str, Any]], Simulation]
     decoders: str
     simulators: str
+    title: str = ''
+    marks: frozenset[str] = frozenset()
     launch: int = 0
     actuator: bool = False
     operator: bool = False

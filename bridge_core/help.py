@@ -57,7 +57,7 @@ def _help_of(node: ManagedNode) -> str:
     sections = [
         ('publishes', _topics(name, node.publishers)),
         ('listens to', _topics(name, node.subscriptions)),
-        ('services', _services(name, node.services)),
+        ('services', _lines(name, ((each.service_name, each.srv_type) for each in node.services))),
         ('parameters', [line for each in table for line in _parameter(each)]),
     ]
     usage = (
@@ -79,10 +79,6 @@ def _help_of(node: ManagedNode) -> str:
 
 def _topics(node: str, endpoints: Iterable[Any]) -> list[str]:
     return _lines(node, ((each.topic_name, each.msg_type) for each in endpoints))
-
-
-def _services(node: str, services: Iterable[Any]) -> list[str]:
-    return _lines(node, ((each.service_name, each.srv_type) for each in services))
 
 
 def _lines(node: str, found: Iterable[tuple[str, type]]) -> list[str]:

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import threading
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bridge_core import clock
-from bridge_core.lane import Lane, waited
+from bridge_core.lane import waited
 from bridge_core.publishers import PublisherWatch
 from bridge_core.session import Level
 from bridge_core.watchdog import FreezeWatch
@@ -32,37 +32,14 @@ _FREEZE = 0.2  # s without a look
 _SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
 
 
-class GuardedNode(Protocol):
-    """Whose inputs they are."""
-
-    lane: Lane
-
-    def get_fully_qualified_name(self) -> str:
-        """As of rclpy."""
-
-    def count_publishers(self, topic: str) -> int:
-        """As of rclpy."""
-
-    def unheard_publisher(self, topic: str) -> str | None:
-        """Name who publishes there and is never heard."""
-
-    def log(self, level: Level, text: str, *, site: str = '') -> None:
-        """Log a line."""
-
-    def on_distrusted(self, text: str) -> None:
-        """Stop: it is not known what an input says."""
-
-    def on_unheard(self, text: str) -> None:
-        """Stop: somebody publishes stops that are never heard."""
-
-    def on_unheard_gone(self) -> None:
-        """End such a stop."""
-
-
 class InputGuard:
-    """Subscribes on the node's lane, and watches who publishes."""
+    """
+    Subscribes on the lane of a node, and watches who publishes.
 
-    def __init__(self, node: GuardedNode) -> None:
+    :param node: has ``on_distrusted``, ``on_unheard`` and ``on_unheard_gone``; see BridgeNode.
+    """
+
+    def __init__(self, node: Any) -> None:
         self._node = node
         self._watches: dict[str, PublisherWatch] = {}  # by topic
         self._stop_topics: list[str] = []

@@ -13,38 +13,23 @@ callback that hangs makes this node silent, which others take for a stop, and no
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, wait
-from contextlib import suppress
 from dataclasses import dataclass
 import math
 import threading
 import time
 import traceback
-from typing import Any, Protocol
+from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from bridge_core import clock
+from bridge_core.rclpy_inner import LANE_NODE, Topic, waiter_of
 
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
-_BATCH = 20  # messages of one topic before the next topic has its turn
 _CAPACITY = 10_000  # calls that may wait; what is posted always may, as it may be a stop
 _REPORT_PERIOD = 1.0  # s
-
-
-@dataclass(slots=True, eq=False)
-class _Topic:
-    kind: Any
-    callback: Callable[[Any, dict[str, Any]], object]
-    raw: bool
-    subscription: Any = None
-    wanted: bool = True
 
 
 @dataclass(slots=True, eq=False)
@@ -52,16 +37,6 @@ class _Timer:
     period: float
     callback: Callable[[float], object]
     due: float
-
-
-class _Waiter(Protocol):
-    """What a lane waits by. Subscribing and waking may be done in any thread."""
-
-    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None: ...
-    def unsubscribe(self, topic: _Topic) -> None: ...
-    def wake(self) -> None: ...
-    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None: ...
-    def close(self) -> None: ...
 
 
 class Lane:
@@ -76,7 +51,7 @@ class Lane:
         self._node = node
         self._context = node.context
         self._name = name
-        self._topics: tuple[_Topic, ...] = ()
+        self._topics: tuple[Topic, ...] = ()
         self._timers: tuple[_Timer, ...] = ()
         self._calls: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque()
         self._lock = threading.Lock()  # of the two tuples, which are replaced and never changed
@@ -84,12 +59,7 @@ class Lane:
         self._ending = False
         self._report_at = -math.inf
         self.fault: Future[None] = Future()  # that has ended the thread
-        self._waiter: _Waiter
-        if wait_set_works(node.context):
-            self._waiter = _WaitSetWaiter(node, self._guarded)
-        else:
-            node.get_logger().info(f'{name}: by the executor of rclpy, whose wait set is another')
-            self._waiter = _ExecutorWaiter(node, self._guarded)
+        self._waiter = waiter_of(node, name, self._guarded)
 
     # What it waits for. All of this may be used in any thread, before and after the start.
 
@@ -110,7 +80,7 @@ class Lane:
         :param callback: gets the message and rclpy's dictionary of message information.
         :param raw: the message is bytes, as it came.
         """
-        entry = _Topic(kind, callback, raw)
+        entry = Topic(kind, callback, raw)
         self._waiter.subscribe(entry, topic, qos)
         with self._lock:
             self._topics = (*self._topics, entry)
@@ -254,6 +224,14 @@ def waited(info: Mapping[str, Any]) -> float:
     return max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
 
 
+def owner_of(name: str) -> str:
+    """Return the node that a node of this name listens for: itself, or the one with the lane."""
+    prefix, suffix = LANE_NODE.split('{}')
+    if name.startswith(prefix) and name.endswith(suffix):
+        return name.removeprefix(prefix).removesuffix(suffix)
+    return name
+
+
 def _settle(future: 'Future[Any]', function: Callable[..., Any], args: tuple[Any, ...]) -> None:
     if future.set_running_or_notify_cancel():
         try:
@@ -268,183 +246,3 @@ def _exists(node: Node) -> bool:
             return True
     except InvalidHandle:
         return False
-
-
-def wait_set_works(context: Any) -> bool:
-    """Tell whether rclpy has the inner wait set that lanes were written for (rclpy 7.1)."""
-    try:
-        guard = GuardCondition(None, None, context=context)
-        guard.trigger()
-        wait_set = _wait_set(context, 0)
-        wait_set.clear_entities()
-        wait_set.add_guard_condition(guard.handle)
-        wait_set.wait(0)
-        return bool(wait_set.is_ready('guard_condition', 0)) and all(
-            hasattr(_rclpy.Subscription, name) for name in ('take_message', '__enter__')
-        )
-    except (AttributeError, TypeError):
-        return False
-
-
-def _wait_set(context: Any, subscriptions: int) -> Any:
-    with context.handle:
-        return _rclpy.WaitSet(subscriptions, 1, 0, 0, 0, 0, context.handle)
-
-
-class NotForExecutors(CallbackGroup):
-    """Keeps subscriptions of a node away from the executor that spins it."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never."""
-        del entity
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
-        del entity
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing was begun."""
-
-
-class _WaitSetWaiter:
-    """
-    Waits on the inner wait set of rclpy, as its executor does.
-
-    The set holds raw pointers, so the lane's thread holds all handles for as long as it is in use:
-    a subscription that is destroyed meanwhile is gone when the set is made anew.
-    """
-
-    def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
-        self._node = node
-        self._guarded = guarded
-        self._group = NotForExecutors()
-        self._guard = GuardCondition(None, None, context=node.context)
-        self._topics: tuple[_Topic, ...] = ()  # as given for the set
-        self._held: list[tuple[_Topic, Any]] = []  # with their handles
-        self._set: Any = None
-
-    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None:
-        topic.subscription = self._node.create_subscription(
-            topic.kind,
-            name,
-            topic.callback,
-            qos,
-            callback_group=self._group,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
-
-    def unsubscribe(self, topic: _Topic) -> None:
-        self._node.destroy_subscription(topic.subscription)
-
-    def wake(self) -> None:
-        with suppress(InvalidHandle):  # the thread has ended
-            self._guard.trigger()
-
-    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None:
-        if self._set is None or topics is not self._topics:
-            self._make_set(topics)
-        wait_set = self._set
-        wait_set.clear_entities()  # a wait takes out what is not ready
-        for _, handle in self._held:
-            wait_set.add_subscription(handle)
-        wait_set.add_guard_condition(self._guard.handle)
-        wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
-        for index, (topic, handle) in enumerate(self._held):
-            if wait_set.is_ready('subscription', index):
-                self._take(topic, handle)
-
-    def _take(self, topic: _Topic, handle: Any) -> None:
-        for _ in range(_BATCH):
-            if not topic.wanted:
-                return
-            taken = self._guarded(handle.take_message, topic.kind, topic.raw)
-            if taken is None:
-                return
-            self._guarded(topic.callback, *taken)
-
-    def _make_set(self, topics: tuple[_Topic, ...]) -> None:
-        self._release()
-        for topic in topics:
-            handle = topic.subscription.handle
-            try:
-                handle.__enter__()
-            except InvalidHandle:
-                continue  # destroyed behind the lane's back
-            self._held.append((topic, handle))
-        self._topics = topics
-        self._set = _wait_set(self._node.context, len(self._held))
-
-    def _release(self) -> None:
-        self._set = None
-        for _, handle in self._held:
-            handle.__exit__(None, None, None)
-        self._held = []
-
-    def close(self) -> None:
-        self._release()
-        self._guard.destroy()
-
-
-_OF = '_{}_lane'  # the name of the small node of a node
-
-
-def owner_of(name: str) -> str:
-    """Return the node that a node of this name listens for: itself, or the one with the lane."""
-    prefix, suffix = _OF.split('{}')
-    if name.startswith(prefix) and name.endswith(suffix):
-        return name.removeprefix(prefix).removesuffix(suffix)
-    return name
-
-
-class _ExecutorWaiter:
-    """
-    Waits by the public executor, on a small node of its own, where rclpy has no known wait set.
-
-    Names are resolved by the node that the lane belongs to, with its namespace and remappings.
-    """
-
-    def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
-        self._owner = node
-        self._guarded = guarded
-        self._node = Node(
-            _OF.format(node.get_name()),
-            namespace=node.get_namespace(),
-            context=node.context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._guard = self._node.create_guard_condition(lambda: None)
-        self._executor = SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(self._node)
-
-    def subscribe(self, topic: _Topic, name: str, qos: Any) -> None:
-        def on_message(message: Any, info: dict[str, Any]) -> None:
-            if topic.wanted:
-                self._guarded(topic.callback, message, info)
-
-        topic.subscription = self._node.create_subscription(
-            topic.kind,
-            self._owner.resolve_topic_name(name),
-            on_message,
-            qos,
-            raw=topic.raw,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-        )
-
-    def unsubscribe(self, topic: _Topic) -> None:
-        self._node.destroy_subscription(topic.subscription)
-
-    def wake(self) -> None:
-        with suppress(InvalidHandle):  # the thread has ended
-            self._guard.trigger()
-
-    def wait(self, topics: tuple[_Topic, ...], timeout: float | None) -> None:
-        del topics
-        self._executor.spin_once(timeout_sec=timeout)
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()

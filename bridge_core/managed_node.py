@@ -30,6 +30,7 @@ from bridge_core.parameters import (
     ParameterError,
     resolve,
 )
+from bridge_core.rclpy_inner import given_parameters, wrap_change_state, wrap_transitions
 from bridge_core.transports import TransportError
 
 _REPORT_PERIOD = 1.0  # s, between two lines on messages that failed
@@ -81,7 +82,7 @@ class ManagedNode(Quiet, LifecycleNode):
         self.starting = False  # configured to be activated at once
         self._failure: Exception | None = None  # of the last transition
         self._fault: Exception | None = None  # of ours, in a transition
-        self._callbacks.update({key: self._telling(each) for key, each in self._callbacks.items()})
+        wrap_transitions(self, self._telling)
         try:
             check_sections(self.get_fully_qualified_name(), parameter_files)
             self.values: dict[str, Any] = self._declare()
@@ -91,7 +92,7 @@ class ManagedNode(Quiet, LifecycleNode):
             super().destroy_node()
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self._service_change_state.callback = self._checked(self._service_change_state.callback)
+        wrap_change_state(self, self._checked)
         self.lane = Lane(self, f'{name} lane')
 
     def create_subscription(
@@ -225,10 +226,10 @@ class ManagedNode(Quiet, LifecycleNode):
             raise self._fault
 
     def _declare(self) -> dict[str, Any]:
-        # rclpy has no public name for what was given, and cannot declare an empty list by itself.
+        # rclpy cannot declare an empty list by itself.
         given = {
-            name: _plain(parameter.value)
-            for name, parameter in self._parameter_overrides.items()
+            name: _plain(value)
+            for name, value in given_parameters(self).items()
             if not is_ros_parameter(name)
         }
         self._table = {p.name: p for p in self.parameter_table(given)}

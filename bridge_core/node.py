@@ -36,10 +36,10 @@ from bridge_core.services import Waiting
 from bridge_core.session import Answer, EventT, Level, StopChanged, Verdict
 from bridge_core.stop_topics import StopTopics
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import Link, ThreadLink
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Call
-from bridge_core.transports.wire import Bridge
 from bridge_core.watchdog import FROZEN
 
 if TYPE_CHECKING:

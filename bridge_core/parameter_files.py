@@ -147,15 +147,15 @@ _Loader.yaml_implicit_resolvers = {None: [(_PLAIN, re.compile(''))]}
 _Loader.add_constructor(_PLAIN, lambda loader, node: _scalar(node.value))
 
 
-def _content(file: Path) -> dict[Any, Any]:
+def _named_sections(file: Path) -> list[tuple[str, Any]]:
     """:raises ParameterError: it cannot be read or is not a parameter file."""
     try:
         content = _Loader(file.read_bytes()).get_single_data()
+        if not isinstance(content, dict):
+            raise ValueError('is not a map from node names to parameters')
+        return [*_sections(content, '')]
     except Exception as error:  # of the file, of PyYAML
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
-    if not isinstance(content, dict):
-        raise ParameterError(f'parameter file {file}: is not a map from node names to parameters')
-    return content
 
 
 def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
@@ -182,15 +182,6 @@ def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
             raise ParameterError(f'parameter file {file}: section {name} has {fault}')
         sections[name] = _flat(parameters, file)
     return sections
-
-
-def _named_sections(file: Path) -> list[tuple[str, Any]]:
-    try:
-        return [*_sections(_content(file), '')]
-    except ParameterError:
-        raise
-    except ValueError as error:
-        raise ParameterError(f'parameter file {file}: {error}') from error
 
 
 def _sections(content: dict[Any, Any], above: str) -> Iterator[tuple[str, Any]]:
@@ -296,15 +287,13 @@ def check_overrides(nodes: Sequence[str], arguments: Sequence[str]) -> None:
         if found is None or any(is_for(f'/{found["node"]}', node) for node in nodes):
             continue
         name = found['node']
-        hint = f'there is no node {name}; {_hint(name, bases)}'
         if name in bases:
             hint = f'ROS takes it for /{name} and not for {bases[name]}; set it in a file'
+        elif like := nearest(name, bases):
+            hint = f'there is no node {name}; did you mean {like}?'
+        else:
+            hint = f'there is no node {name}; there is {", ".join(bases)}'
         raise ParameterError(f'-p {found["name"]}: {hint}')
-
-
-def _hint(name: str, nodes: Collection[str]) -> str:
-    like = nearest(name, nodes)
-    return f'did you mean {like}?' if like else f'there is {", ".join(nodes)}'
 
 
 def nearest(name: str, names: Collection[str]) -> str:

@@ -6,15 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from bridge_core.lane import NotForExecutors
+from bridge_core.rclpy_inner import NotForExecutors, take_message
 
 
 class Polled:
@@ -28,7 +26,7 @@ class Polled:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._group = NotForExecutors()
-        self._topics: list[tuple[Any, Any, Callable[[Any], None]]] = []
+        self._topics: list[tuple[Any, Callable[[Any], None]]] = []
 
     def subscribe(
         self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile
@@ -42,11 +40,10 @@ class Polled:
             callback_group=self._group,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-        self._topics.append((subscription.handle, kind, callback))
+        self._topics.append((subscription, callback))
 
     def look(self) -> None:
         """Take all that has come, topic after topic."""
-        for handle, kind, callback in self._topics:
-            with suppress(InvalidHandle), handle:  # the node is being destroyed
-                while (taken := handle.take_message(kind, False)) is not None:
-                    callback(taken[0])
+        for subscription, callback in self._topics:
+            while (taken := take_message(subscription)) is not None:
+                callback(taken[0])

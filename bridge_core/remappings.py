@@ -70,8 +70,13 @@ def _unquoted(rule: str) -> ParameterError | None:
 
 def _like(nodes: Sequence[ManagedNode], name: str) -> str:
     """Return the name that is meant instead, ``~/`` for a node's own; empty: none is like it."""
-    names = {each for node in nodes for each in itertools.chain(*_names(node))}
-    own = {each: each.removeprefix(_own(node)) for node in nodes for each in _private(node)}
+    names: set[str] = set()
+    own: dict[str, str] = {}  # without the node's name, by the full name
+    for node in nodes:
+        prefix = f'{node.get_fully_qualified_name()}/'
+        found = set().union(*_names(node))
+        names |= found
+        own |= {each: each.removeprefix(prefix) for each in found if each.startswith(prefix)}
     like = nearest(name.rpartition('/')[2], [*own.values()])
     full = full_topic(nodes[0].get_fully_qualified_name(), name)
     return f'~/{like}' if like else nearest(full, names - own.keys())
@@ -83,14 +88,6 @@ def _has(node: ManagedNode, name: str, kind: str | None) -> bool:
     return (kind != 'service' and node.resolve_topic_name(name) in topics) or (
         kind != 'topic' and node.resolve_service_name(name) in services
     )
-
-
-def _own(node: ManagedNode) -> str:
-    return f'{node.get_fully_qualified_name()}/'
-
-
-def _private(node: ManagedNode) -> list[str]:
-    return [name for name in itertools.chain(*_names(node)) if name.startswith(_own(node))]
 
 
 def _names(node: ManagedNode) -> tuple[set[str], set[str]]:

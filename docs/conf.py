@@ -18,7 +18,7 @@ NAVIGATION = {
     'Start': ('docs/start/*.md', 'docs/bringup.md', 'docs/migration.md'),
     'Concepts': ('docs/concepts.md', 'docs/common.md', 'docs/can.md'),
     'Devices': ('docs/devices/README.md', 'docs/devices/*.md', 'docs/sixth_device.md'),
-    'Safety mux': ('docs/safety_mux.md',),
+    'Safety mux': ('docs/safety_mux.md', 'docs/mux_recipes.md', 'docs/inhibits.md'),
     'When it does not work': ('docs/doctor.md', 'docs/messages.md'),
     'Tools': (
         'docs/status_page.md',

@@ -32,6 +32,8 @@ def _trial(mode: str, field: str, text: str) -> Trial:
 DEVICE = Device(
     name='esi_drive_bridge',
     node_class='EsiDriveBridge',
+    title='ESI drive',
+    marks=frozenset(('enabled', 'joint_states')),
     page='docs/devices/esi_drive.md',
     launch=4,
     actuator=True,

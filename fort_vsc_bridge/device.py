@@ -23,6 +23,8 @@ def _simulation(values: Mapping[str, Any]) -> Simulation:
 DEVICE = Device(
     name='fort_vsc_bridge',
     node_class='FortVscBridge',
+    title='FORT VSC',
+    marks=frozenset(('radio_strength',)),
     page='docs/devices/fort_vsc.md',
     operator=True,
     probe=False,  # a heartbeat could take back the stop that a node has left in it

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.transports import Transport
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port, gap_of
-from bridge_core.transports.wire import Bridge
 from fort_vsc_bridge.protocol.hid import REPORT_SIZE
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire
 from fort_vsc_bridge.session import Session, Settings, wire_of

@@ -119,7 +119,7 @@ def _told(values: Mapping[str, Any]) -> str:
     from bridge_core.share import shared
     from rugged_teleop.status_page.remedies import Remedies
 
-    remedies = Remedies(shared('docs/safety_mux.md').read_text(encoding='utf-8'))
+    remedies = Remedies(shared('docs/inhibits.md').read_text(encoding='utf-8'))
     owner = values.get('owner', 'none')
     lines = [values.get('state', '?') + ('' if owner == 'none' else f': {owner} has control')]
     for key, text in values.items():

@@ -19,7 +19,7 @@ class Input:
     """
     An input that must keep arriving, and its faults.
 
-    :param label: its name in words, such as "e-stop source 'fort'".
+    :param label: its name in words, such as "e-stop source 'near'".
     :param timeout: seconds after which it is stale.
     """
 

@@ -8,7 +8,14 @@ import math
 
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import Input
-from safety_mux.protocol import AUTONOMY, Autonomy, Demand, Operator, OperatorSample
+from safety_mux.protocol import (
+    AUTONOMY,
+    Autonomy,
+    Demand,
+    milliseconds,
+    Operator,
+    OperatorSample,
+)
 
 
 class Run:
@@ -77,9 +84,10 @@ class OwnerInput(Input):
         """Drop every earlier request; the input stays fresh."""
         self.rest.end()
 
-    def _rest_in_words(self, asked: str) -> str:
-        so_far, needed = self.rest.length * 1e3, self.neutral_time * 1e3
-        return f'{asked} for {so_far:.0f} ms of {needed:.0f} ms'
+    @property
+    def rest_in_words(self) -> str:
+        """How long it has rested, of what it has to."""
+        return f'{milliseconds(self.rest.length)} of {milliseconds(self.neutral_time)}'
 
 
 class OperatorInput(OwnerInput):
@@ -165,7 +173,7 @@ class OperatorInput(OwnerInput):
             return f'{self.label} held its deadman before it could count: release it'
         if self.rest.since is None:
             return f'{self.label} has not been neutral since the last reset or use of its deadman'
-        return self._rest_in_words(f'{self.label} has been neutral')
+        return f'{self.label} has been neutral for {self.rest_in_words}'
 
     def drop_requests(self) -> None:
         """Drop every earlier request; the input stays fresh."""
@@ -228,7 +236,7 @@ class AutonomyInput(OwnerInput):
         if self.rested:
             silent = in_words(self.watchdog.age(now))
             return f'autonomy has not asked for zero for {silent}: silence is no rest'
-        return self._rest_in_words('autonomy has asked for zero')
+        return f'autonomy has asked for zero for {self.rest_in_words}'
 
 
 def demand_fault(demand: Demand, joints: int, most: float = math.inf) -> str | None:

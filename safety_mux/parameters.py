@@ -4,16 +4,18 @@
 """
 The mux's parameters.
 
-Three parameters are lists of names: ``joints``, ``estop_sources``, ``operators``. Each name adds
-parameters of its own, such as ``operator.fort.topic``. Topics are relative to the mux's namespace
-unless they begin with a slash.
+Some parameters are lists of names, such as ``joints`` and ``operators``. Each name adds parameters
+of its own, such as ``operator.<name>.topic``. Topics are relative to the mux's namespace unless
+they begin with a slash.
 """
 
 from collections.abc import Mapping
+import json
 import re
 from typing import Any
 
 from bridge_core.parameters import check_topic, Parameter, ParameterError, with_named
+from bridge_core.share import shared
 from safety_mux.protocol import MOST_OF_A_JOINT
 
 
@@ -29,12 +31,17 @@ _GEOMETRY = re.compile(r'autonomy\.wheel_(separation|radius)')
 _DECIDES = ('interface', 'output', 'autonomy.topic', 'autonomy.type')  # whether they count
 _EACH = 'One for all axes, or one an axis.'
 
+# The machine of which no parameter has to be given: one remote and one drive.
+DEFAULTS: dict[str, Any] = json.loads(
+    shared('config/default_machine.json').read_text(encoding='utf-8')
+)
+
 GENERAL = (
     Parameter(
         'rate',
         100.0,
-        'How often the mux decides and repeats its outputs; a stop is passed on at once besides. '
-        "The drive's command_timeout should be several periods.",
+        "How often the mux decides and repeats its outputs. A stop goes out at once. The drive's "
+        'command_timeout should be several periods.',
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -44,8 +51,8 @@ GENERAL = (
     Parameter(
         'heartbeat_rate',
         33.0,
-        'How often ~/estop and ~/enable are repeated without a change; with a decision, so '
-        "at most at rate. The drive's command_timeout should be three periods or more.",
+        "How often ~/estop and ~/enable are repeated, at most at rate. The drive's "
+        'command_timeout should be three periods or more.',
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -54,31 +61,30 @@ GENERAL = (
     Parameter(
         'output',
         'joints',
-        'joints: ~/command, for drives. twist, twist_stamped: ~/cmd_vel, for a base controller; '
-        'then joints is [linear, angular], in m/s forward and rad/s to the left, interface is '
-        'velocity and mixing none; max, acceleration, deceleration and scale have no default.',
+        'joints: ~/command, for drives. Else ~/cmd_vel, for a base controller: joints is '
+        '[linear, angular], m/s forward and rad/s to the left, mixing none; limits and scale have '
+        'no default.',
         choices=('joints', 'twist', 'twist_stamped'),
         fixed=True,
     ),
     Parameter(
         'frame_id',
         'base_link',
-        'frame_id of ~/cmd_vel, where output is twist_stamped; else refused.',
+        'frame_id of ~/cmd_vel, where output is twist_stamped.',
         fixed=True,
     ),
     Parameter(
         'interface',
         'velocity',
-        'What the numbers of ~/command are: its field velocity (rad/s) or effort (N·m). Position '
-        'is not offered, as 0 would be a place and going there motion. effort has no defaults of '
-        'max, acceleration, deceleration and scale.',
+        'The field of ~/command: velocity (rad/s) or effort (N·m). Limits and scale have no '
+        'default for effort.',
         choices=('velocity', 'effort'),
         fixed=True,
     ),
     Parameter(
         'status_rate',
         10.0,
-        'How often ~/status is repeated; a change of state is published at once besides.',
+        'How often ~/status is repeated. A change of state is published at once.',
         unit='Hz',
         minimum=1.0,
         maximum=100.0,
@@ -86,18 +92,16 @@ GENERAL = (
     ),
     Parameter(
         'drive_enabled_topic',
-        'esi_drive_bridge/enabled',
+        DEFAULTS['drive_enabled_topic'],
         'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once it was heard, '
-        'the command is 0 while it does not say so, and then ramps from rest. Empty: there is no '
-        'such topic.',
+        'the command is 0 while it does not say so. Empty: there is none.',
         check=check_topic,
         fixed=True,
     ),
     _seconds(
         'drive_enabled_timeout',
         0.25,
-        'A drive that has not said for longer that it is enabled is taken for one that is not. '
-        'Three of its periods or more.',
+        'A drive silent for longer counts as not enabled. Three of its periods or more.',
     ),
     _seconds(
         'clear_time',
@@ -109,43 +113,42 @@ GENERAL = (
     _seconds(
         'neutral_time',
         0.3,
-        'How long an operator must send neutral, deadman released, before the deadman counts. '
-        'Three periods of rate or more, and no operator has a longer timeout.',
+        'How long an operator must send neutral before the deadman counts. Three periods of rate '
+        'or more; no operator has a longer timeout.',
     ),
     _seconds(
         'hold_time',
         0.5,
-        'After a change of owner no operator takes over from another for this long. Stops, '
-        'releases and taking over from autonomy do not wait.',
+        'After a change of owner no operator takes over from another for this long.',
         minimum=0.0,
     ),
     _seconds(
         'stall_limit',
         0.1,
-        'A longer gap between two decisions means that this process was frozen: it stops and '
-        'forgets what it heard. Longer than one period of rate.',
+        'After a longer gap between two decisions the mux stops and forgets what it heard. Longer '
+        'than one period of rate.',
         minimum=0.02,
         maximum=1.0,
     ),
     _seconds(
         'stop_time',
         0.5,
-        'A stop of category 1 has reached 0 and disables after this time. With feedback, joints '
-        'that do not stand this long after control has ended are a stop of all devices.',
+        'A stop of category 1 disables after this time. With feedback, joints that do not stand '
+        'this long after control are a stop of all devices.',
     ),
     _seconds(
         'reset_silence',
         5.0,
-        'Who calls ~/reset while there is nothing to reset, such as a script that does so for '
-        'ever, has to be silent for this long before a reset counts.',
+        'After a reset in vain, with nothing to reset, none counts until there was none for this '
+        'long.',
         minimum=0.0,
         maximum=60.0,
     ),
     Parameter(
         'reset_topic',
         '',
-        'Topic of a reset button, beside ~/reset: std_msgs/Bool, true while it is pressed, at '
-        '10 Hz or more. It counts once it is released after 0.1 to 2 s. Empty: there is none.',
+        'Topic of a reset button: std_msgs/Bool, true while it is pressed, at 10 Hz or more. '
+        'Empty: there is none.',
         check=check_topic,
         fixed=True,
         section='the reset button',
@@ -159,15 +162,15 @@ GENERAL = (
     Parameter(
         'feedback.topic',
         '',
-        'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints; '
-        'more joints are no harm). Empty: the joints are taken to do what they are told.',
+        'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints). '
+        'Empty: they are taken to do what they are told.',
         check=check_topic,
         section='what the joints really do',
     ),
     _seconds(
         'feedback.timeout',
         0.25,
-        'Feedback silent for longer is a stop while somebody has control, and nobody gets it.',
+        'Feedback silent for longer is a stop while somebody has control.',
     ),
     Parameter(
         'feedback.standstill',
@@ -189,20 +192,19 @@ GENERAL = (
     _seconds('feedback.overspeed_time', 0.5, 'See overspeed_tolerance.'),
     Parameter(
         'estop_sources',
-        ['fort', 'drive'],
+        DEFAULTS['estop_sources'],
         'Names of the e-stop sources; one or more.',
         section='who can stop the machine',
     ),
     Parameter(
         'speed_limits',
         [''],
-        "Names of speed limits of the moment, such as a scanner's slow zone or a key switch; the "
-        'least of them scales what the owner demands of all joints.',
+        "Names of speed limits, such as a scanner's slow zone. The least scales all joints.",
         section='how fast, at this moment',
     ),
     Parameter(
         'operators',
-        ['fort'],
+        DEFAULTS['operators'],
         "Names of the operators; [''] for none: then autonomy must be there.",
         section='who can drive',
     ),
@@ -217,8 +219,8 @@ GENERAL = (
     Parameter(
         'autonomy.type',
         'Twist',
-        'Message type of autonomy. Twist and TwistStamped need two joints, left and right; '
-        'JointState must name all joints.',
+        'Message type of autonomy. A twist needs two joints, left and right; a JointState names '
+        'all joints.',
         choices=('Twist', 'TwistStamped', 'JointState'),
         fixed=True,
     ),
@@ -245,8 +247,8 @@ JOINT = (
     Parameter(
         'max',
         10.0,
-        'Greatest absolute value that goes out. No operator has a larger scale; if autonomy asks '
-        'for more, all joints of the group are reduced by the same factor.',
+        'Greatest absolute value that goes out. A demand beyond it reduces all joints of the '
+        'group by the same factor.',
         'rad/s or N·m',
         above=0.0,
         maximum=MOST_OF_A_JOINT,
@@ -270,8 +272,7 @@ JOINT = (
     Parameter(
         'jerk',
         0.0,
-        'Greatest change of the acceleration, away from 0 only: it rises from 0 and falls to 0 '
-        'again at the demand. What slows down or stops is never later for it. 0: none.',
+        'Greatest change of the acceleration, away from 0 only. 0: no limit.',
         'rad/s³ or N·m/s²',
         minimum=0.0,
         maximum=1e9,
@@ -279,9 +280,8 @@ JOINT = (
     Parameter(
         'group',
         '',
-        'Joints with the same word are reduced by the same factor where one would exceed its max, '
-        'and their velocities grow together (unless one has a jerk), so that a curve stays. '
-        'Another word for what moves by itself, such as a mast, which would hold the others back.',
+        'Joints with the same word are reduced and grow together, so that a curve stays. Another '
+        'word for what moves by itself, such as a mast.',
     ),
 )
 
@@ -292,16 +292,15 @@ ESTOP = (
     Parameter(
         'enabled_topic',
         '',
-        'Of one of several drives: where it says that it is enabled; drive_enabled_topic is '
-        'empty then. All joints wait until each drive has said so, and stand once one does not.',
+        'As drive_enabled_topic, which is empty then, of one of several drives. All joints wait '
+        'for each of them.',
         check=check_topic,
     ),
     Parameter(
         'own_topic',
         '',
-        'Topic of what the source demands by itself, without the echo of our own stop, for '
-        '~/stop_demand/<source>. Empty: as topic; the stop of a drive is never that echo. Where '
-        'topic is of another node, the default is empty.',
+        'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
+        'topic. Where topic is of another node, the default is empty.',
         check=check_topic,
     ),
     _seconds(
@@ -310,7 +309,7 @@ ESTOP = (
     Parameter(
         'counts',
         'always',
-        'When this stop counts. when_owner: only while its operator has control, or asks for it.',
+        'when_owner: this stop counts only while its operator has control, or asks for it.',
         choices=('always', 'when_owner'),
     ),
     Parameter('operator', '', 'The operator that it belongs to; needed for when_owner.'),
@@ -359,7 +358,7 @@ OPERATOR = (
     Parameter(
         'axis',
         [0],
-        'Index in Joy of each axis, as mixing has them. Of a FORT remote 1 is left Y, 0 left X.',
+        "Index in Joy of each axis, as mixing has them: see the remote's page.",
         minimum=0,
         maximum=255,
     ),
@@ -387,8 +386,8 @@ OPERATOR = (
     Parameter(
         'deadman_buttons',
         [0],
-        'Indices in Joy of the buttons that must be held to move, all of them. Of a FORT remote 0 '
-        'is left pad, down.',
+        "Indices in Joy of the buttons that must be held to move, all of them: see the remote's "
+        'page.',
         minimum=0,
         maximum=255,
     ),
@@ -406,21 +405,10 @@ OPERATOR = (
     Parameter(
         'require_moving_stamps',
         False,
-        'A stamp that is not set, or stays the same for timeout, loses the operator: its sender '
-        'repeats an old message. If false, one that stays the same is a warning.',
+        'A stamp that is not set, or stays the same for timeout, loses the operator. If false, '
+        'one that stays the same is a warning.',
     ),
 )
-
-# Defaults for the names in the default lists: a FORT remote and an ESI drive.
-DEFAULTS: dict[str, Any] = {
-    'estop.fort.topic': 'fort_vsc_bridge/estop',
-    'estop.fort.own_topic': 'fort_vsc_bridge/own_estop',
-    'estop.drive.topic': 'esi_drive_bridge/estop',
-    'operator.fort.topic': 'fort_vsc_bridge/joy',
-    'operator.fort.mixing': 'arcade',
-    'operator.fort.axis': [1, 0],
-    'operator.fort.scale': [10.0],
-}
 
 
 def enabled_topic(drive: str) -> str:
@@ -437,9 +425,10 @@ def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:
         ('operators', 'operator', OPERATOR),
     )
     defaults = dict(DEFAULTS)
-    topic, own = 'estop.fort.topic', 'estop.fort.own_topic'
-    if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:  # of another node
-        del defaults[own]
+    for own in [name for name in DEFAULTS if name.endswith('.own_topic')]:
+        topic = own.replace('own_topic', 'topic')
+        if str(given.get(topic, DEFAULTS[topic])).lstrip('/') != DEFAULTS[topic]:
+            del defaults[own]  # it is of another node
     table = with_named(GENERAL, groups, given, defaults)
     _refuse_defaults({each.name: each for each in table}, given)
     return table

@@ -10,6 +10,8 @@ from bridge_core.device import Device, Simulation, Trial
 DEVICE = Device(
     name='ssc_bridge',
     node_class='SscBridge',
+    title='SSC',
+    marks=frozenset(('pulse_outputs',)),
     page='docs/devices/ssc.md',
     launch=3,
     actuator=True,

@@ -21,7 +21,7 @@ from ssc_bridge.protocol import (
     REPEATED,
 )
 
-_RATES = 'One each for status, channel source, pulse outputs, pulse inputs and auxiliary inputs.'
+_RATES = 'For status, channel source, pulse outputs, pulse inputs, auxiliary inputs.'
 
 
 def _check_rates(values: list[float]) -> None:
@@ -52,7 +52,7 @@ GENERAL = (
     Parameter(
         'baud',
         BAUD,
-        'That of the SSC is fixed (manual 3.4); another only for what stands between.',
+        'Fixed in the SSC (manual 3.4). Another one is for an adapter in between.',
         unit='bit/s',
         minimum=9600,
         maximum=4_000_000,
@@ -60,8 +60,7 @@ GENERAL = (
     Parameter(
         'link_timeout',
         0.25,
-        'Without a status message for this long, ~/estop is true; without pulse inputs, ~/joy '
-        'becomes neutral.',
+        'Without a status for this long ~/estop is true; without pulse inputs ~/joy is neutral.',
         unit='s',
         minimum=0.05,
         maximum=5.0,
@@ -69,9 +68,8 @@ GENERAL = (
     Parameter(
         'poll_rates',
         [20.0, 5.0, 10.0, 50.0, 10.0],
-        f'Ask for a message that does not come by itself this often; 0: never. {_RATES} Here or '
-        'in message_rates, status must come twice within link_timeout, and for the failsafe '
-        "'hold' channel source and pulse outputs at 4 Hz or more.",
+        f'How often to ask for a message that does not come by itself; 0: never. {_RATES} '
+        "Status: twice within link_timeout. 'hold': the next two at 4 Hz.",
         unit='Hz',
         minimum=0.0,
         maximum=100.0,
@@ -80,8 +78,7 @@ GENERAL = (
     Parameter(
         'message_rates',
         [0.0, 0.0, 0.0, 0.0, 0.0],
-        'Rates in the menu of the SSC: what comes by itself, and whether the line is too slow. '
-        f'{_RATES}',
+        f'The rates in the menu of the SSC. {_RATES}',
         unit='Hz',
         minimum=0.0,
         maximum=50.0,
@@ -90,52 +87,48 @@ GENERAL = (
     Parameter(
         'first_input_nibble',
         0,
-        'What stands for pulse input 1 in the channel source message; the manual leaves it open. '
-        'Only for texts.',
+        'The number of pulse input 1 in channel source messages, which the manual leaves open. '
+        'For texts only.',
         minimum=0,
         maximum=1,
     ),
     Parameter(
         'config_id',
         -1,
-        'User configuration ID that the SSC must have (manual 3.2.2): with another one it is a '
-        'stop, and nothing is sent to its outputs. -1: any.',
+        'The configuration ID that the SSC must have (manual 3.2.2); another one is a stop, and '
+        'gets no command. -1: any.',
         minimum=-1,
         maximum=255,
     ),
     Parameter(
         'lockout_on_start',
         False,
-        'Lock the configuration menus out as soon as the SSC is there (message 98).',
+        'Lock the configuration menus out (message 98) as soon as the SSC is there.',
     ),
     Parameter(
         'estop_states',
         ['no signal'],
-        'Which states of the command channel (pulse input 1) are a stop, beside a lost '
-        "transmitter. [''] for none.",
+        "The states of the command channel (pulse input 1) that are a stop; [''] for none.",
         choices=('', *(state.text for state in CommandState)),
         section='stops',
     ),
     Parameter(
         'lost_link_is_stop',
         True,
-        'Take 1.5 ms on the command channel for a lost transmitter, which is a stop: the manual '
-        '(2) has receivers set up so. False: 1.5 ms is a position of your switch, and a lost '
-        'transmitter shows only if the receiver then ends its pulses.',
+        '1.5 ms on the command channel means a lost transmitter (manual 2), and is a stop. False: '
+        'it is a position of your switch.',
     ),
     Parameter(
         'axes',
         ['turn', 'forward'],
-        "Names of the axes of ~/joy, in this order; [''] for none. Left and forward are to be "
-        'positive.',
+        "Names of the axes of ~/joy, in this order; [''] for none. Left and forward are positive.",
         section='~/joy: an RC receiver as operator',
     ),
     Parameter('buttons', ['deadman'], "Names of the buttons of ~/joy; [''] for none."),
     Parameter(
         'plausible_us',
         [700, 2300],
-        'The least and the greatest pulse of an axis or button that is believed; another is '
-        'faulty.',
+        'The least and the greatest pulse of a control that is not faulty.',
         unit='µs',
         minimum=0,
         maximum=MAX_PULSE_US,
@@ -151,14 +144,13 @@ GENERAL = (
     Parameter(
         'failsafe',
         'release',
-        'What outputs without a name do when no command is fresh or allowed: hold the last pulse, '
-        'or release (no pulse).',
+        'The failsafe of outputs without a name: the last pulse, or none.',
         choices=('hold', 'release'),
     ),
     Parameter(
         'command_rate',
         50.0,
-        'How often commands to the pulse outputs are sent (message 20).',
+        'How often commands go to the pulse outputs (message 20).',
         unit='Hz',
         minimum=1.0,
         maximum=200.0,
@@ -166,7 +158,7 @@ GENERAL = (
     Parameter(
         'command_timeout',
         0.25,
-        'A command or an ~/estop_in older than this brings the outputs to their failsafe.',
+        'The age at which a command or ~/estop_in is stale: outputs go to their failsafe.',
         unit='s',
         minimum=0.02,
         maximum=5.0,
@@ -174,8 +166,8 @@ GENERAL = (
     Parameter(
         'keep_aux_outputs',
         False,
-        'Leave the auxiliary outputs alone at a stop, and obey during one. False: a stop undoes '
-        'what was set, and requests during one are refused.',
+        'A stop leaves the auxiliary outputs alone, and requests are obeyed. False: it undoes '
+        'what was set, and requests are refused.',
         section='auxiliary outputs',
     ),
 )
@@ -184,8 +176,8 @@ CALIBRATION = (
     _channel('Pulse input of the axis; input 1 is the command channel.', MAX_INPUTS),
     _pulse('min_us', 1000, 'Pulse at the one end.'),
     _pulse('centre_us', 1500, 'Pulse at rest.'),
-    _pulse('max_us', 2000, 'Pulse at the other end; this one is 1.'),
-    Parameter('reversed', False, 'True: min_us is 1 instead.'),
+    _pulse('max_us', 2000, 'Pulse at the other end, which is 1.'),
+    Parameter('reversed', False, 'min_us is 1 instead.'),
     Parameter('deadband', 0.05, 'Deflection that still is 0.', minimum=0.0, maximum=0.9),
 )
 
@@ -194,20 +186,19 @@ BUTTON = (
     Parameter(
         'thresholds_us',
         [1500],
-        'The button is the number of these that the pulse is above. Rising: [1300, 1700] makes 0, '
-        '1, 2 of a switch with three positions.',
+        'The button is the number of these that the pulse is above, in rising order.',
         unit='µs',
         minimum=1,
         maximum=MAX_PULSE_US,
     ),
-    Parameter('reversed', False, 'True: the number that the pulse is not above instead.'),
+    Parameter('reversed', False, 'Count the thresholds that the pulse is not above.'),
 )
 
 SERVO = (
     _channel('Pulse output of the servo.', MAX_OUTPUTS),
-    _pulse('min_us', 1000, 'Pulse of position -1; no shorter one is ever sent but 0, no pulse.'),
+    _pulse('min_us', 1000, 'Pulse of position -1. Only 0, no pulse, is shorter.'),
     _pulse('centre_us', 1500, 'Pulse of position 0.'),
-    _pulse('max_us', 2000, 'Pulse of position 1; no longer one is ever sent.'),
+    _pulse('max_us', 2000, 'Pulse of position 1. None is longer.'),
     Parameter('reversed', False, 'Turn the sign of the position round.'),
     Parameter(
         'rate_us_per_s',
@@ -220,11 +211,10 @@ SERVO = (
     Parameter(
         'failsafe',
         'release',
-        'When no command is fresh or allowed: a pulse of its own, hold the last one, or release '
-        '(no pulse).',
+        'While no command is fresh and allowed: a pulse of its own, the last one, or none.',
         choices=('pulse', 'hold', 'release'),
     ),
-    _pulse('failsafe_us', 1500, 'The pulse, where failsafe is pulse; from min_us to max_us.'),
+    _pulse('failsafe_us', 1500, 'The pulse of failsafe pulse; from min_us to max_us.'),
 )
 
 # What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.

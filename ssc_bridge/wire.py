@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.transports import Transport
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.serial_name import check_serial_port, gap_of
-from bridge_core.transports.wire import Bridge
 from ssc_bridge.session import Session, Settings
 
 # Beside the parameters: what sessions before have sent, which is in force until it is undone.

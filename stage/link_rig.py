@@ -16,9 +16,9 @@ from bridge_core.framing import Decoder
 from bridge_core.report import LinkStatus, Report
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import ThreadLink
 from bridge_core.transports.request import Call
-from bridge_core.transports.wire import Bridge
 from stage.rig import holds_for, wait_for
 
 PACE = 0.02
@@ -114,7 +114,7 @@ class FakeSession(Session[Any, bytes, str]):
         self.due = math.inf
         self.wanted: list[bytes] = []
         self.stop = False
-        self.told_refused: list[tuple[bytes, float]] = []
+        self.told_sent: list[tuple[bytes, float]] = []
         self._pending: list[Any] = []
 
     def _call(self, name: str) -> None:
@@ -160,8 +160,8 @@ class FakeSession(Session[Any, bytes, str]):
         events, self._pending = self._pending, []
         return events, frames
 
-    def refused(self, frame: bytes, now: float) -> None:
-        self.told_refused.append((frame, now))
+    def sent(self, frame: bytes, now: float) -> None:
+        self.told_sent.append((frame, now))
 
     def deadline(self) -> float:
         if 'deadline' in self.faults:

@@ -7,21 +7,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 import math
 import time
 from typing import Any
 
-from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from bridge_core.lane import wait_set_works
 from bridge_core.managed_node import Quiet
+from bridge_core.rclpy_inner import make_wait_set, take_message, wait_set_works
 
 
 class Beat:
@@ -103,9 +100,7 @@ class ObserverNode(Quiet, Node):
             return
         waited = subscriptions, clients = tuple(self.subscriptions), tuple(self.clients)
         if waited != self._waited:
-            sizes = len(subscriptions), 1, 0, len(clients), 0, 0
-            with self.context.handle:
-                self._set = _rclpy.WaitSet(*sizes, self.context.handle)
+            self._set = make_wait_set(self.context, len(subscriptions), len(clients))
             self._waited = waited
         self._set.clear_entities()
         for each in subscriptions:
@@ -122,10 +117,9 @@ class ObserverNode(Quiet, Node):
                 self._ready.append(partial(self._executor.spin_once, 0.0))
 
     def _take(self, subscription: Any) -> None:
-        with suppress(InvalidHandle):  # destroyed meanwhile
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None:
-                subscription.callback(taken[0])
+        taken = take_message(subscription)
+        if taken is not None:
+            subscription.callback(taken[0])
 
     def destroy_node(self) -> None:
         """Leave the graph."""

@@ -17,6 +17,7 @@ from typing import Any
 import aiohttp
 
 from bridge_core import clock
+from rugged_teleop.devices import devices
 from rugged_teleop.status_page.access import Access
 from rugged_teleop.status_page.graph import find
 from rugged_teleop.status_page.model import Diagnostic, Model
@@ -75,13 +76,13 @@ ACTIVE = {
 
 
 def remedies() -> Remedies:
-    return Remedies((ROOT / 'docs' / 'safety_mux.md').read_text(encoding='utf-8'))
+    return Remedies((ROOT / 'docs' / 'inhibits.md').read_text(encoding='utf-8'))
 
 
 def model() -> Model:
     """Return a model of the machine in TOPICS, of which nothing was heard."""
     result = Model(remedies())
-    result.found(find(TOPICS))
+    result.found(find(TOPICS, devices().values()))
     result.operators(MUX, {'fort': f'{FORT}/joy', 'vm110': f'{UNIT}/joy'})
     result.listeners(MUX, [DRIVE, MONITOR])
     return result

@@ -8,7 +8,7 @@ import struct
 from typing import Any
 
 from bridge_core.session import RETRY
-from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.channels import AuxRequest, Failsafe, Servo
 from ssc_bridge.session import OutputsSent, Session, Settings
 
 TICK = 0.01
@@ -54,11 +54,27 @@ def configuration(
 
 
 class Rig:
-    """A session with a healthy device and a healthy mux, both of which a test can make worse."""
+    """
+    A session with a healthy device and a healthy mux, both of which a test can make worse.
+
+    ``play`` takes a script of steps, divided by ';':
+
+    - ``5 pan=0.5 tilt=-1``: so many ticks, each with a command to servos; ``5 us=1500,0`` to
+      outputs 1 and up; a number alone only lets time pass. ``do pan=0.5`` commands once.
+    - ``estop``, ``clear``, ``silent``: what the mux says from now on; with a ``!`` once, at once.
+    - ``aux 4L1 5P0.001 5T0.02``: one request for a level, a pulse time and a period.
+    - ``mute 12 13``: what the device does not answer from now on; all without a number.
+      ``unmute``. ``hear 10 15``: these messages come by themselves.
+    - ``in 2=1900``, ``out 5=1234``, ``src 1=0x30``: what it says of these channels; ``all=``.
+    - ``state no signal``; ``available``, ``locked``: of its menus.
+    - ``close``, ``open``, ``lost``: of the port, or of what was heard. ``busy``, ``free``,
+      ``retry``: whether the line takes messages 20 and 21.
+    - ``late 0.3``: so many seconds without a poll. ``mark``: forget all that was sent and told.
+    """
 
     def __init__(self, **changes: Any) -> None:
         self.session = Session(Settings(**changes))
-        self.now = 1000.0
+        self.now = self.marked = 1000.0
         self.events: list[Any] = []
         self.sent: list[tuple[float, int, bytes]] = []  # when, ID, payload
         self.state = '2 ms'
@@ -74,11 +90,93 @@ class Rig:
         self.estop: bool | None = False  # what the mux says; None: nothing
         self._opened = False
 
+    def play(self, script: str) -> 'Rig':
+        """Carry out a script. :raises ValueError: for a request that the session refuses."""
+        for step in filter(None, map(str.strip, script.split(';'))):
+            verb, *rest = step.split()
+            if verb.isdecimal():
+                self.tick(int(verb), _command(rest) if rest else None)
+            elif verb == 'state':
+                self.state = ' '.join(rest)
+            elif verb in ('estop', 'clear', 'silent'):
+                self.estop = {'estop': True, 'clear': False}.get(verb)
+            elif verb in ('busy', 'free'):
+                self.busy = verb == 'busy'
+            elif verb in ('available', 'locked'):
+                self.available = verb == 'available'
+            else:
+                getattr(self, f'_{_VERBS.get(verb, verb)}')(*rest)
+        return self
+
+    def _do(self, *command: str) -> None:
+        self.do(_command(command))
+
+    def _estop_now(self) -> None:
+        self.do(lambda session, now: session.set_estop(True, now))
+
+    def _clear_now(self) -> None:
+        self.do(lambda session, now: session.set_estop(False, now))
+
+    def _lockout(self) -> None:
+        self.do(lambda session, now: session.lock_out(now))
+
+    def _aux(self, *requests: str) -> None:
+        kinds = {'L': 'level', 'P': 'pulse', 'T': 'period'}
+        asked = [AuxRequest(int(each[0]), kinds[each[1]], float(each[2:])) for each in requests]
+        self.do(lambda session, now: session.set_aux(asked, now))
+
+    def _claim(self, *numbers: str) -> None:
+        self.session.claim_aux({int(each) for each in numbers}, self.now)
+
+    def _mute(self, *kinds: str) -> None:
+        self.mute = {int(kind) for kind in kinds} or set(range(10, 16))
+
+    def _unmute(self) -> None:
+        self.mute = set()
+
+    def _hear(self, *kinds: str) -> None:
+        self.hear(b''.join(self.answer(int(kind)) for kind in kinds))
+
+    def _set(self, values: list[int], *rest: str) -> None:
+        for each in rest:
+            number, _, value = each.partition('=')
+            if number == 'all':
+                values[:] = [int(value, 0)] * len(values)
+            else:
+                values[int(number) - 1] = int(value, 0)
+
+    def _in(self, *rest: str) -> None:
+        self._set(self.inputs, *rest)
+
+    def _out(self, *rest: str) -> None:
+        self._set(self.outputs, *rest)
+
+    def _src(self, *rest: str) -> None:
+        self._set(self.sources, *rest)
+
+    def _close(self) -> None:
+        self.events += self.session.closed(self.now)
+
+    def _open(self) -> None:
+        self._take(self.session.opened(self.now))
+
+    def _lost(self) -> None:
+        self.session.interrupted('too much at once', self.now)
+        self.poll()
+
+    def _late(self, seconds: str) -> None:
+        self.now += float(seconds)
+
+    def _mark(self) -> None:
+        self.marked = self.now
+        self.sent.clear()
+        self.events.clear()
+
     def open(self) -> 'Rig':
         """Open the port, once; the device answers from now on."""
         if not self._opened:
             self._opened = True
-            self._take(self.session.opened(self.now))
+            self._open()
         return self
 
     def answer(self, kind: int) -> bytes:
@@ -99,17 +197,10 @@ class Rig:
         self._take(self.session.receive(data, self.now))
         self.poll()
 
-    def hear_at(self, kind: int) -> float:
-        """Have a message come by itself at an odd moment; return when."""
-        self.now += 0.003
-        self.session.set_estop(False, self.now)
-        self.hear(self.answer(kind))
-        return self.now
-
     def poll(self) -> None:
         self._take(self.session.poll(self.now))
 
-    def retry(self) -> None:
+    def _retry(self) -> None:
         """Poll again as a wire does that had a frame which the line did not take."""
         assert self.session.deadline() <= self.now + RETRY
         self.now += RETRY
@@ -169,8 +260,21 @@ class Rig:
     def polls(self, kind: int, since: float = 0.0) -> int:
         return len(self.payloads(kind, since))
 
+    def farewell(self) -> list[tuple[int, bytes]]:
+        """Return ID and payload of what it says at last, of which the line takes none."""
+        return [(frame[2], frame[4:-2]) for frame in self.session.farewell(self.now)]
 
-def servos(**positions: float) -> Callable[[Session, float], None]:
+
+_VERBS = {'estop!': 'estop_now', 'clear!': 'clear_now'}
+
+
+def _command(words: Sequence[str]) -> Callable[[Session, float], None]:
+    """Return the request that a script says: us=1500,0 or NAME=POSITION."""
+    said = dict(word.split('=') for word in words)
+    if 'us' in said:
+        us = [int(each) for each in said['us'].split(',') if each]
+        return lambda session, now: session.set_pulses(us, now)
+    positions = {name: float(value) for name, value in said.items()}
     return lambda session, now: session.set_servos(positions, now)
 
 

@@ -87,6 +87,11 @@ def runs(pid: int) -> bool:
     return is_running(pid) and _stat(pid)[:1] != ['T']
 
 
+def name_of(pid: int) -> str:
+    """Return what ``ps -o comm`` shows."""
+    return _read(pid, 'comm').strip()
+
+
 def command_of(pid: int) -> str:
     """Return the command line, as ps shows it."""
     return _read(pid, 'cmdline').replace('\0', ' ')

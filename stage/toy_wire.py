@@ -17,8 +17,8 @@ from typing import Any
 
 from bridge_core.framing import Decoder
 from bridge_core.session import Answer, Level, Session as BaseSession, Verdict
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.serial import SerialTransport
-from bridge_core.transports.wire import Bridge
 
 PERIOD = 0.05
 PING = 'ping'

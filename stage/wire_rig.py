@@ -11,10 +11,11 @@ import pytest
 from bridge_core import clock
 from bridge_core.report import Report
 from bridge_core.session import StopChanged, Verdict
-from bridge_core.transports import wire
+from bridge_core.transports import opener, wire
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import Mailbox
 from bridge_core.transports.request import Activate, Call, Deactivate, Request
-from bridge_core.transports.wire import Bridge, Wire
+from bridge_core.transports.wire import Wire
 from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner, FakeSession, FakeTransport
 
@@ -102,7 +103,7 @@ class WireBench:
             lambda values: self._made(self.resting),
         )
         made: Wire[Any] = Wire(bridge, self.owner, self.requests, **options)
-        made._woken.setblocking(False)  # a fault is to fail a test, not to hang it
+        made._opener._woken.setblocking(False)  # a fault is to fail a test, not to hang it
         return made
 
     def _made(self, session: FakeSession) -> FakeSession:
@@ -115,8 +116,7 @@ class WireBench:
         self.wire = self.make_wire(**options)
 
     def _close_wire(self) -> None:
-        self.wire._wake.close()
-        self.wire._woken.close()
+        self.wire._opener.close()
 
     def close(self) -> None:
         self._close_wire()
@@ -150,7 +150,7 @@ class WireBench:
         patch.setattr(clock, 'now', lambda: self.now)
         patch.setattr(wire, 'ready', self._ready)
         patch.setattr(wire, 'time', Namespace(sleep=self._sleep))
-        patch.setattr(wire, 'threading', Namespace(Thread=Thread))
+        patch.setattr(opener, 'threading', Namespace(Thread=Thread))
 
     def open_ports(self) -> None:
         """Let the threads end that are to open one."""

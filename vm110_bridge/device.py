@@ -23,6 +23,8 @@ def _simulation(values: Mapping[str, Any]) -> Simulation:
 DEVICE = Device(
     name='vm110_bridge',
     node_class='Vm110Bridge',
+    title='VM-110',
+    marks=frozenset(('armed',)),
     page='docs/devices/vm110.md',
     launch=1,
     operator=True,

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.multicast import MulticastTransport
-from bridge_core.transports.wire import Bridge
 from vm110_bridge.parameters import OUTPUT_PORT_OFFSET
 from vm110_bridge.session import Session, Settings
 

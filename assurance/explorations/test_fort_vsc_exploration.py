@@ -262,7 +262,7 @@ SCENES: dict[str, dict[str, Any]] = {
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (2005, 37664),
     'echo': (6242, 62088),
-    'busy': (13427, 102435),
+    'busy': (9393, 73397),
     'can': (19175, 355145),
     'hid': (524, 8104),
 }  # states, and steps between them

@@ -29,14 +29,10 @@ from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import check_channel
 from bridge_core.transports.can_errors import BUS_OFF, KINDS, kinds_of, RECEIVE_OVERFLOWS
-from bridge_core.transports.can_ports import (
-    BusOffError,
-    CanPort,
-    LostFramesError,
-    MulticastPort,
-    PumpedPort,
-    SocketCanPort,
-)
+from bridge_core.transports.can_multicast import MulticastPort
+from bridge_core.transports.can_port import BusOffError, CanPort, LostFramesError
+from bridge_core.transports.can_pumped import PumpedPort
+from bridge_core.transports.can_socket import SocketCanPort
 from bridge_core.transports.serial_identity import identity_of
 
 _COUNTED = (

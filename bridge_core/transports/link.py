@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from bridge_core import clock
 from bridge_core.transports import TransportError
+from bridge_core.transports.bridge import Bridge, Owner
 from bridge_core.transports.request import (
     Activate,
     Call,
@@ -29,7 +30,7 @@ from bridge_core.transports.request import (
     REQUEST_LIMIT,
 )
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge, Owner, Wire
+from bridge_core.transports.wire import Wire
 
 ACTIVATE_TIME = 60.0  # s; a machine that is starved at start-up is no reason to give up
 ANSWER_TIME = 0.4  # s; a process has to be gone within a second of its signal

@@ -14,19 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import contextlib
-from dataclasses import dataclass
 import math
-import socket
-import threading
 import time
 import traceback
-from typing import Any, Generic, Protocol
+from typing import Any, Generic
 
 from bridge_core import clock
 from bridge_core.framing import Counters
-from bridge_core.report import Damage, levels, LinkStatus, Report, report
+from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level, RETRY, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
+from bridge_core.transports.bridge import Bridge, Owner, Requests
+from bridge_core.transports.opener import Opener
 from bridge_core.transports.request import Activate, Call, Request
 from bridge_core.transports.tap import Tap
 from bridge_core.waiting import FAULT_PAUSE, ready
@@ -45,68 +44,6 @@ _DISCARD_READS = 1000
 _LOOK_PERIOD = 0.1  # s, between two looks at whether a level of the report has changed
 _REPORT_PERIOD = 1.0  # s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
-
-
-@dataclass(frozen=True)
-class Bridge(Generic[FrameT]):
-    """
-    What a wire is made of; the functions take the node's parameters.
-
-    :param module: where this stands as ``BRIDGE``. It imports nothing of ROS.
-    :param make_session: raises ValueError for parameters that contradict each other.
-    :param make_transport: makes the port, not yet open; raises ValueError likewise.
-    :param make_resting_session: makes what runs on the port while the node is inactive; none
-        where the port is closed then.
-    :param check_port: raises ValueError for what no port can be made from, at little cost; none
-        where any may be tried.
-    :param loads: modules that make_transport imports late, so that only a wire's own process has
-        them: it loads them at its start, since it must not be silent for as long later.
-    """
-
-    module: str
-    make_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]]
-    make_transport: Callable[[dict[str, Any]], Transport[FrameT]]
-    make_resting_session: Callable[[dict[str, Any]], Session[FrameT, Any, Any]] | None = None
-    check_port: Callable[[dict[str, Any]], object] | None = None
-    loads: Sequence[str] = ()
-
-    def check(self, values: dict[str, Any]) -> None:
-        """:raises ValueError: session or port cannot be made from these parameters."""
-        self.make_session(values)
-        if self.check_port is not None:
-            self.check_port(values)
-
-
-class Requests(Protocol):
-    """Where requests come from."""
-
-    def fileno(self) -> int:
-        """Return what becomes readable when there are any."""
-
-    def take(self) -> list[Request]:
-        """Return and forget those that there are. :raises EOFError: there will be none."""
-
-    def done(self, number: int, error: str) -> None:
-        """Take the end of a command. :param error: empty if it did what it says."""
-
-
-class Owner(Protocol):
-    """Who takes what a wire has to tell, always in the wire's thread or process."""
-
-    def on_events(self, events: Sequence[Any], now: float) -> None:
-        """Take events of the session, in their order."""
-
-    def on_report(self, report: Report, now: float) -> None:
-        """Take the report: once a second, and when a level has changed."""
-
-    def on_refused(self, number: int, key: str, text: str) -> None:
-        """Take why a request makes no sense."""
-
-    def pace(self, now: float) -> float:
-        """Publish what is due; return when to be called next."""
-
-    def link_changed(self, text: str, ok: bool) -> None:
-        """Log that the port was opened, lost or could not be opened."""
 
 
 class Wire(Generic[FrameT]):
@@ -132,10 +69,8 @@ class Wire(Generic[FrameT]):
         self._requests = requests
         self._reconnect_period = reconnect_period
         self._tap = tap
-        self._wake, self._woken = socket.socketpair()
-        self._opened_ports: list[tuple[Transport[FrameT], str]] = []  # by threads that open
+        self._opener: Opener[FrameT] = Opener()
         self._transport: Transport[FrameT] | None = None
-        self._opening: Transport[FrameT] | None = None  # a thread is at work in its open()
         self._session: Session[FrameT, Any, Any] | None = None
         self._left: Session[FrameT, Any, Any] | None = None  # the one before, of a wire at rest
         self._resting = False
@@ -148,7 +83,6 @@ class Wire(Generic[FrameT]):
         self._look_at = self._report_at = 0.0
         self.left_safe = True  # no device, or the farewell was said to it
         self._quit = False  # there will be no more requests
-        self._ended = False  # and the farewell was said
 
     def run(self) -> None:
         """Run until the requests end; farewell included. Raises nothing."""
@@ -157,10 +91,9 @@ class Wire(Generic[FrameT]):
             if not self._guarded(self._wait_and_step):
                 time.sleep(FAULT_PAUSE)
         self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
-        self._ended = True
+        self._opener.end()
         self._take_opened(clock.now())  # what came between the two
-        self._wake.close()
-        self._woken.close()
+        self._opener.close()
         if self._tap is not None:
             self._tap.close()
 
@@ -220,7 +153,7 @@ class Wire(Generic[FrameT]):
         frozen in the midst of that one too, and when the session is due.
         """
         deadline = min(self._pace_at, self._open_at, self._look_at)
-        descriptors = [self._requests.fileno(), self._woken.fileno()]
+        descriptors = [self._requests.fileno(), self._opener.fileno()]
         due = math.inf
         if self._session is not None and self.status.is_open:
             earliest = max(self._polled_at + _SHORTEST_WAIT, self._retry_at)
@@ -228,8 +161,8 @@ class Wire(Generic[FrameT]):
             descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
         found = ready(descriptors, timeout)
-        if descriptors[1] in found:
-            self._woken.recv(64)
+        if self._opener.fileno() in found:
+            self._opener.heard()
         return self._stepped_at + timeout, due, found
 
     def _port(self) -> int:
@@ -313,11 +246,13 @@ class Wire(Generic[FrameT]):
 
     def _deactivate(self, now: float, patience: float = _OPEN_TIME) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
-        if self._opening is None and now >= self._open_at:  # of just now: the device may be moving
+        if (
+            self._opener.port is None and now >= self._open_at
+        ):  # of just now: the device may be moving
             self._guarded(self._start_opening)
         now = clock.now()
         end = now + patience
-        while self._opening is not None and self._opening is self._transport:
+        while self._opener.port is not None and self._opener.port is self._transport:
             left = end - now
             if left <= 0.0:
                 text = f'no farewell: {self._transport.name} was still being opened'
@@ -328,8 +263,8 @@ class Wire(Generic[FrameT]):
             self._pace_at = now + BACKOFF_START
             with contextlib.suppress(Exception):
                 self._pace_at = max(self._owner.pace(now), now + _SHORTEST_WAIT)
-            if ready([self._woken.fileno()], min(left, self._pace_at - now)):
-                self._woken.recv(64)
+            if ready([self._opener.fileno()], min(left, self._pace_at - now)):
+                self._opener.heard()
             now = clock.now()
             self._take_opened(now)
         transport, session, was_open = self._transport, self._session, self.status.is_open
@@ -436,33 +371,14 @@ class Wire(Generic[FrameT]):
 
     def _start_opening(self) -> None:
         assert self._transport is not None
-        threading.Thread(target=self._open, args=(self._transport,), daemon=True).start()
-        # Not before: a thread that the system refuses opens nothing, and has to be tried again.
-        self._open_at, self._opening = math.inf, self._transport
-
-    def _open(self, transport: Transport[FrameT]) -> None:
-        """Open the port, beside the loop: a URL port may take seconds to refuse."""
-        error = ''
-        try:
-            transport.open()
-        except TransportError as failure:
-            error = str(failure)
-        except Exception:  # whatever a driver throws is a port that did not open
-            error = f'cannot open {transport.name}: {traceback.format_exc()}'
-        self._opened_ports.append((transport, error))
-        if self._ended:
-            transport.close()
-        with contextlib.suppress(OSError):  # the loop has ended meanwhile
-            self._wake.send(b'\0')
+        self._opener.start(self._transport)
+        self._open_at = math.inf
 
     def _take_opened(self, now: float) -> None:
-        while self._opened_ports:
-            transport, error = self._opened_ports.pop(0)
+        for transport, error in self._opener.opened():
             self._guarded(lambda: self._opened(transport, error, now))  # noqa: B023 - called here
 
     def _opened(self, transport: Transport[FrameT], error: str, now: float) -> None:
-        if self._opening is transport:
-            self._opening = None
         if transport is not self._transport or self._session is None:
             transport.close()  # deactivated meanwhile
         elif error:
@@ -493,7 +409,7 @@ class Wire(Generic[FrameT]):
             self._complain(lambda: self._owner.link_changed(error, False), now)
             return
         with contextlib.ExitStack() as last:  # the last one first, and each if another one fails
-            if self._opening is not transport:
+            if self._opener.port is not transport:
                 last.callback(transport.close)
             if was_open:
                 last.callback(lambda: self._owner.on_events(session.closed(now), now))
@@ -504,7 +420,7 @@ class Wire(Generic[FrameT]):
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error
         self.status.is_open, self.status.error = False, error
-        if self._opening is not self._transport:  # else its end decides what comes next
+        if self._opener.port is not self._transport:  # else its end decides what comes next
             self._open_at = now + self._backoff
         self._backoff = min(2 * self._backoff, self._reconnect_period)
         if news:

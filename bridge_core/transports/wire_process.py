@@ -23,9 +23,10 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.report import Report
+from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.request import Request
 from bridge_core.transports.tap import Tap
-from bridge_core.transports.wire import Bridge, Wire
+from bridge_core.transports.wire import Wire
 from bridge_core.waiting import ready
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # ask a process to end

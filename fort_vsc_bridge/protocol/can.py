@@ -250,7 +250,7 @@ class CanDecoder(Decoder[CanFrame, Received]):
 
     def reset(self) -> None:
         """Forget the sticks, and the mode."""
-        self._sticks.forget()
+        self._sticks.forget_frames()
         self._operational = False
 
     def feed(self, data: CanFrame, now: float) -> list[Received]:
@@ -276,7 +276,7 @@ class CanDecoder(Decoder[CanFrame, Received]):
         if isinstance(message, Heartbeat):
             was, self._operational = self._operational, message.mode == Mode.OPERATIONAL
             if self._operational and not was:  # no frame of before a stop counts behind it
-                self._sticks.forget()
+                self._sticks.forget_frames()
         return [message]
 
 
@@ -309,7 +309,7 @@ class _Sticks:
         self._since = 0.0  # when the first frame came after a silence
         self._alike_at = 0.0  # when all were zero last, or none
 
-    def forget(self) -> None:
+    def forget_frames(self) -> None:
         self._heard.clear()
 
     def put_together(

@@ -175,17 +175,6 @@ class Axis:
         if self.value is not None:
             check_range('an axis', self.value, -MAX_MAGNITUDE, MAX_MAGNITUDE)
 
-    @staticmethod
-    def from_word(word: int) -> Axis:
-        """
-        Read a word of table 30: 2 bits neutral, 2 negative, 2 positive status, 10 magnitude.
-
-        No direction or several at once is an error: which one is true is not ours to guess.
-        Neutral with some magnitude is neutral: the flag is the device's own verdict, taken with
-        its dead zone, and a magnitude without a sign cannot move anything anyway.
-        """
-        return AXES[word]
-
     def to_word(self) -> int:
         """Return the word of table 30; a faulty axis is faulty in all three statuses."""
         if self.value is None:
@@ -206,6 +195,12 @@ def _axis_of_status(statuses: int) -> Axis:
 
 
 def _axes_by_word() -> tuple[Axis, ...]:
+    """
+    Read all words of table 30: 2 bits neutral, 2 negative, 2 positive status, 10 magnitude.
+
+    No direction or several at once is an error: which one is true is not ours to guess. Neutral
+    with some magnitude is neutral: the flag is the device's own verdict, taken with its dead zone.
+    """
     axes = [_axis_of_status(statuses) for statuses in range(64)] * (MAX_MAGNITUDE + 1)
     magnitudes = range(MAX_MAGNITUDE + 1)
     axes[_SET << 2 :: 64] = [Axis(-magnitude) for magnitude in magnitudes]
@@ -213,7 +208,7 @@ def _axes_by_word() -> tuple[Axis, ...]:
     return tuple(axes)
 
 
-AXES = _axes_by_word()
+AXES = _axes_by_word()  # by word
 
 
 @dataclass(frozen=True, slots=True)

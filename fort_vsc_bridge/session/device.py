@@ -66,7 +66,7 @@ class _Setting:
         """Tell whether there is still something to find out."""
         return self.state in (UNKNOWN, UNANSWERED, WRITTEN)
 
-    def forget(self) -> None:
+    def look_anew(self) -> None:
         """Begin again; nothing is written against what the user wrote instead."""
         if self.state != OVERRULED:
             self.state = UNKNOWN
@@ -109,16 +109,15 @@ class _KeySetting(_Setting):
             self._questions += 1
             self.due = now + _ASK_PERIOD
 
-    def overrule(self, key: int, value: int, now: float) -> None:
+    def overrule(self, value: int, now: float) -> None:
         """Take note of what the user wrote; it is looked at if that is what is wanted."""
-        if key == self._key:
-            self.state = WRITTEN if value == self._value else OVERRULED
-            self._asked = False
-            self.due = now + _ASK_PERIOD if self.is_open else math.inf
+        self.state = WRITTEN if value == self._value else OVERRULED
+        self._asked = False
+        self.due = now + _ASK_PERIOD if self.is_open else math.inf
 
-    def answered(self, key: int, value: int, now: float) -> None:
+    def answered(self, value: int, now: float) -> None:
         """Compare; an answer to what was asked before a write is not looked at."""
-        if key == self._key and self.is_open and self._asked and self._found(value == self._value):
+        if self.is_open and self._asked and self._found(value == self._value):
             self._queue.put(UserFeedback(self._key, self._value))
             self._asked = False
             self.due = now + _ASK_PERIOD
@@ -129,7 +128,7 @@ class _IntervalSetting(_Setting):
 
     def __init__(self, queue: SendQueue, kind: MessageType, interval_ms: int) -> None:
         super().__init__(queue)
-        self.kind = kind
+        self._kind = kind
         self.needs_remote = kind is MessageType.GPS  # the receiver is in the remote
         self._wanted = interval_ms * 1e-3
         self._interval_ms = interval_ms
@@ -150,7 +149,7 @@ class _IntervalSetting(_Setting):
         Others may come several at once, late. What had waited when the watch began is not counted.
         """
         early = now - self._last < _TOLERANCE * self._wanted
-        if now < self._since or (early and self.kind is MessageType.GPS):
+        if now < self._since or (early and self._kind is MessageType.GPS):
             return
         if math.isinf(self._first) or (early and not self._count):
             self._first = now
@@ -164,7 +163,7 @@ class _IntervalSetting(_Setting):
             return
         if self._found(self._matches()):
             enabled, interval = self._interval_ms > 0, self._interval_ms or 1000
-            self._queue.put(MessageControl(self.kind, enabled, interval))
+            self._queue.put(MessageControl(self._kind, enabled, interval))
             self.start(now + _ASK_PERIOD)
 
     def _matches(self) -> bool:
@@ -180,35 +179,32 @@ class Configurator:
     """
     Sees to it that the device is set as wanted, with the least of writing.
 
+    ``keys`` and ``watches`` are its settings, by key and by message.
+
     :param wanted: by name, as in DeviceSettings.
     """
 
     def __init__(self, wanted: Mapping[str, int], queue: SendQueue) -> None:
-        self._keys = {
-            name: _KeySetting(queue, key, wanted[name] + _OFFSETS.get(key, 0))
-            for name, key in _KEYS.items()
-            if name in wanted
-        }
-        self._intervals = {
-            name: _IntervalSetting(queue, kind, wanted[name])
-            for name, kind in _INTERVALS.items()
-            if name in wanted
-        }
-        self.watches = {watch.kind: watch for watch in self._intervals.values()}
-        self._all: list[_KeySetting | _IntervalSetting] = [
-            *self._keys.values(),
-            *self._intervals.values(),
-        ]
+        self.keys: dict[int, _KeySetting] = {}
+        self.watches: dict[MessageType, _IntervalSetting] = {}
+        self._settings: dict[str, _KeySetting | _IntervalSetting] = {}
+        for name, value in wanted.items():
+            if kind := _INTERVALS.get(name):
+                self.watches[kind] = self._settings[name] = _IntervalSetting(queue, kind, value)
+            else:
+                key = _KEYS[name]
+                setting = _KeySetting(queue, key, value + _OFFSETS.get(key, 0))
+                self.keys[key] = self._settings[name] = setting
 
     @property
     def states(self) -> dict[str, str]:
         """Name and state in words of every setting that is wanted."""
-        return {name: s.state for name, s in {**self._keys, **self._intervals}.items()}
+        return {name: setting.state for name, setting in self._settings.items()}
 
-    def forget(self) -> None:
+    def look_anew(self) -> None:
         """Begin again: the port was opened or closed, or input was discarded."""
-        for setting in self._all:
-            setting.forget()
+        for setting in self._settings.values():
+            setting.look_anew()
 
     def link_changed(self, link_up: bool, now: float) -> None:
         """
@@ -216,27 +212,17 @@ class Configurator:
 
         It may come up with another device at the same port, so what was found counts no more.
         """
-        for setting in self._all:
+        for setting in self._settings.values():
             if link_up:
-                setting.forget()
+                setting.look_anew()
             if setting.is_open:
                 setting.due = math.inf
                 if link_up:
                     setting.start(now)
 
-    def overrule(self, key: int, value: int, now: float) -> None:
-        """Take note that the user writes a key's value by a request."""
-        for setting in self._keys.values():
-            setting.overrule(key, value, now)
-
-    def answered(self, key: int, value: int, now: float) -> None:
-        """Take a key's value from the device."""
-        for setting in self._keys.values():
-            setting.answered(key, value, now)
-
     def poll(self, now: float, *, remote_connected: bool) -> None:
         """Queue what is due."""
-        for setting in self._all:
+        for setting in self._settings.values():
             if not setting.is_open:
                 continue
             if setting.needs_remote and not remote_connected:
@@ -246,4 +232,4 @@ class Configurator:
     @property
     def deadline(self) -> float:
         """The moment at which poll has something to do; infinite for never."""
-        return min((setting.due for setting in self._all), default=math.inf)
+        return min((setting.due for setting in self._settings.values()), default=math.inf)

@@ -57,7 +57,9 @@ def device_state(
     """Return what the VSC says of itself and its remote: a level, words, and values."""
     if heartbeat is None:
         return Level.ERROR, 'None: no heartbeat from the VSC', heartbeat_values(None)
-    mode, sources = mode_name(heartbeat.mode), heartbeat_sources(heartbeat)
+    mode, sources = mode_name(heartbeat.mode), ', '.join(estop_sources(heartbeat.estop)) or 'none'
+    if heartbeat.autonomy is None and heartbeat.estop:
+        sources = ANYBODY
     message = '; '.join([mode, *quiet_because(heartbeat)])
     if heartbeat.estop:
         message = f'{mode}; e-stop: {sources}'
@@ -71,13 +73,6 @@ def device_state(
     return Level.OK if clear else Level.WARN, message, values
 
 
-def heartbeat_sources(heartbeat: Heartbeat) -> str:
-    """Name the sources of the stop in a heartbeat; 'none' if there is no stop."""
-    if heartbeat.autonomy is None and heartbeat.estop:
-        return ANYBODY
-    return ', '.join(estop_sources(heartbeat.estop)) or 'none'
-
-
 def remote_status_state(remote: RemoteStatus | None, connected_for: float, to_do: str) -> str:
     """
     Say whether the remote status message comes, which is off as delivered (table 17).
@@ -89,13 +84,6 @@ def remote_status_state(remote: RemoteStatus | None, connected_for: float, to_do
     if connected_for < _STATUS_TIME:
         return 'not known yet'
     return f'{to_do}: none comes, so ~/battery and ~/radio_strength are unknown'
-
-
-def control_problems(faulty: Sequence[str]) -> list[tuple[Level, str]]:
-    """Name the controls that the remote itself calls broken or absent."""
-    if not faulty:
-        return []
-    return [(Level.ERROR, f'have the remote repaired: it reports {", ".join(faulty)}')]
 
 
 def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
@@ -133,17 +121,16 @@ def setting_problems(
 
 def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:
     """Return what the heartbeat says; without a fresh one mode 'None', all else 'unknown'."""
-    return {
-        'mode': mode_name(heartbeat.mode if heartbeat else None),
-        'e-stop indication': _indication(heartbeat) if heartbeat else 'unknown',
-        'autonomy mode': mode_name(heartbeat.autonomy) if heartbeat else 'unknown',
-    }
-
-
-def _indication(heartbeat: Heartbeat) -> str:
+    if heartbeat is None:
+        return {'mode': 'None', 'e-stop indication': 'unknown', 'autonomy mode': 'unknown'}
+    indication = f'0x{heartbeat.estop:08X}'
     if heartbeat.autonomy is None:  # HID, which has one byte for all
-        return 'actuated' if heartbeat.estop else 'not actuated'
-    return f'0x{heartbeat.estop:08X}'
+        indication = 'actuated' if heartbeat.estop else 'not actuated'
+    return {
+        'mode': mode_name(heartbeat.mode),
+        'e-stop indication': indication,
+        'autonomy mode': mode_name(heartbeat.autonomy),
+    }
 
 
 def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
@@ -157,11 +144,3 @@ def remote_values(remote: RemoteStatus | None) -> dict[str, Any]:
         'strength at remote (0 low to 2 high)': remote.strength_src,
         'reserved bytes (RSSI on some)': remote.reserved.hex(' '),
     }
-
-
-def refused_software_estop(transport: str) -> str:
-    """Say that somebody relies on a stop that this transport cannot carry."""
-    return (
-        f'wire that stop elsewhere: transport {transport} cannot carry software_estop, but it '
-        'comes, and the VSC does not stop'
-    )

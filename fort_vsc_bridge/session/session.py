@@ -54,7 +54,6 @@ class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
     HELD = 'sticks are 0'
-
     CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
 
     def __init__(self, settings: Settings) -> None:
@@ -102,13 +101,7 @@ class Session(BaseSession[Frame, Received, Event]):
     @property
     def mode(self) -> Mode | int | None:
         """The VSC's mode, a plain int if it is an unknown one; None without a fresh heartbeat."""
-        newest = self.heartbeat
-        return None if newest is None else newest.mode
-
-    @property
-    def software_estop_in_use(self) -> bool:
-        """Our heartbeat asks for a stop where ~/software_estop is silent."""
-        return self._stop.in_use
+        return self.heartbeat.mode if self.heartbeat else None
 
     @property
     def remote_connected(self) -> bool:
@@ -128,7 +121,10 @@ class Session(BaseSession[Frame, Received, Event]):
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return stops, broken controls, what does not come or is not set, and a low battery."""
         wire = self.settings.wire
-        problems = super().problems(now) + report.control_problems(self.faulty)
+        problems = super().problems(now)
+        if self.faulty:
+            text = f'have the remote repaired: it reports {", ".join(self.faulty)}'
+            problems.append((Level.ERROR, text))
         if self.link_up and not self._rejected_lately.expired(now):
             problems.append((Level.ERROR, self._rejection))
         if self.link_up and now >= self._settled_at:
@@ -139,7 +135,11 @@ class Session(BaseSession[Frame, Received, Event]):
         problems += report.remote_problems(self.remote_status)
         problems += report.setting_problems(self.setting_states, self.settings.passed_over)
         if self.software_estop_refused:
-            problems.append((Level.ERROR, report.refused_software_estop(wire.NAME)))
+            text = (
+                f'wire that stop elsewhere: transport {wire.NAME} cannot carry software_estop, '
+                'but it comes, and the VSC does not stop'
+            )
+            problems.append((Level.ERROR, text))
         if not self._looped_back_lately.expired(now):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
@@ -159,7 +159,7 @@ class Session(BaseSession[Frame, Received, Event]):
         return {
             **report.heartbeat_values(self.heartbeat),
             'remote connected': self.remote_connected,
-            'software e-stop in use': self.software_estop_in_use,
+            'software e-stop in use': self._stop.in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,
@@ -206,7 +206,7 @@ class Session(BaseSession[Frame, Received, Event]):
     def _forget(self, now: float, reason: str) -> None:
         del now, reason
         self._joystick_heard.reset()
-        self._device.forget()
+        self._device.look_anew()
         self._queue.drop_passing()
 
     def _take(self, message: Received, now: float) -> None:
@@ -234,7 +234,8 @@ class Session(BaseSession[Frame, Received, Event]):
         elif isinstance(message, UserFeedback):
             # On a line that loops it may be one of ours, which looks the same (table 17).
             if self.link_up and self._looped_back_lately.expired(now):
-                self._device.answered(message.key, message.value, now)
+                if setting := self._device.keys.get(message.key):
+                    setting.answered(message.value, now)
                 self._events.append(UserValue(message.key, message.value))
         elif isinstance(message, SetupString):
             self._identity.answered(message)
@@ -267,9 +268,8 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
         verdict = self._judgement.judge(self._newest, now)
-        if self._rate is not None and self._rate.exceeded(now):
-            return Verdict.stop(report.TWO_VSCS, *verdict.reasons)
-        return verdict
+        two = self._rate is not None and self._rate.exceeded(now)
+        return Verdict.stop(report.TWO_VSCS, *verdict.reasons) if two else verdict
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
@@ -368,7 +368,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """Be as before the first call of ``set_software_estop``."""
         self._expire(now)
         self.software_estop_refused = False
-        self._stop.forget()
+        self._stop.forget_topic()
 
     def set_feedback(self, key: int, value: int, now: float) -> None:
         """Queue a value for a key. :raises ValueError: key, value, or EEPROM not allowed."""
@@ -377,8 +377,8 @@ class Session(BaseSession[Frame, Received, Event]):
             raise ValueError(f'key {key} is kept in EEPROM; it needs configure_device')
         check_value(key, value)
         self._queue.put(UserFeedback(key, value))
-        if self._open:  # else it is dropped, and overrules nothing
-            self._device.overrule(key, value, now)
+        if self._open and key in self._device.keys:  # else it is dropped, and overrules nothing
+            self._device.keys[key].overrule(value, now)
 
     def set_name(self, key: int, name: str, now: float) -> None:
         """Queue a user value's name (keys 1-9) or a line of text (90-93), else ValueError."""

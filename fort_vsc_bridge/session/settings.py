@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -85,9 +85,16 @@ class Settings(CheckedSettings):
             )
         if self.read_identity and not self.wire.carries(MessageType.SETUP_UNLOCK):
             raise ValueError(f'read_identity = True: transport {self.wire.NAME} cannot ask for it')
-        self._check_intervals()
-        if not self.wire.carries(MessageType.USER_FEEDBACK_GET):
-            self._refuse(self.to_configure)
+        for name in ('joystick_interval_ms', 'heartbeat_interval_ms'):
+            interval = getattr(self.device, name)
+            if 2e-3 * interval > self.link_timeout:  # one missing message must not be a stop
+                limit = f'half of link_timeout ({self.link_timeout} s)'
+                raise ValueError(f'{_DEVICE}{name} must not be above {limit}, but is {interval}')
+        if self.to_configure and not self.wire.carries(MessageType.USER_FEEDBACK_GET):
+            name = next(iter(self.to_configure))  # it would have to be written blindly
+            raise ValueError(
+                f'{_DEVICE}{name}: transport {self.wire.NAME} cannot read it; set it over serial'
+            )
 
     @property
     def to_configure(self) -> dict[str, int]:
@@ -106,21 +113,6 @@ class Settings(CheckedSettings):
         """Return what the parameters say. :raises ValueError: what cannot be."""
         device = {name: values[_DEVICE + name] for name in DeviceSettings.TABLE}
         return cls(wire=wire_of(values), device=DeviceSettings(**device), **cls.named(values))
-
-    def _check_intervals(self) -> None:
-        """Refuse what would make the link seem lost: one missing message must not be a stop."""
-        for name in ('joystick_interval_ms', 'heartbeat_interval_ms'):
-            interval = getattr(self.device, name)
-            if 2e-3 * interval > self.link_timeout:
-                limit = f'half of link_timeout ({self.link_timeout} s)'
-                raise ValueError(f'{_DEVICE}{name} must not be above {limit}, but is {interval}')
-
-    def _refuse(self, wanted: Iterable[str]) -> None:
-        """Refuse what would have to be written blindly."""
-        for name in wanted:
-            raise ValueError(
-                f'{_DEVICE}{name}: transport {self.wire.NAME} cannot read it; set it over serial'
-            )
 
 
 def wire_of(values: Mapping[str, Any]) -> Wire:

@@ -48,7 +48,7 @@ class SoftwareStop:
         if not self._said:
             self._owed = before or self._remedy(now)
 
-    def forget(self) -> None:
+    def forget_topic(self) -> None:
         """Be as before the topic was heard."""
         self.in_use = self._required
         self._wanted = False

@@ -59,16 +59,16 @@ class Simulator(Vsc):
 
     def _hear(self, data: bytes, now: float) -> None:
         for kind, payload in self._parser.feed(data, now):
-            self._take(kind, payload, now)
+            self._obey(kind, payload, now)
 
     def _hear_late(self, now: float) -> None:
         for kind, payload in self._parser.poll(now):
-            self._take(kind, payload, now)
+            self._obey(kind, payload, now)
 
     def _late_deadline(self) -> float:
         return self._parser.deadline
 
-    def _take(self, kind: int, payload: bytes, now: float) -> None:
+    def _obey(self, kind: int, payload: bytes, now: float) -> None:
         if kind in self.GREATEST_RATES:
             self._watch_rate(kind, now)
         if kind == MessageType.HOST_HEARTBEAT:

@@ -297,24 +297,6 @@ class Vsc:
             raise ValueError('stopped; take the cause away and say ack first')
         self._mode = mode
 
-    def _set_zeros(self, kind: str) -> None:
-        self.zeros = one_of(_ZEROS, kind)
-
-    def _set_transition(self, seconds: str) -> None:
-        self.transition = within(seconds, 0.0, 60.0)
-
-    def _set_radio(self, value: str) -> None:
-        self.radio = switch(value)
-
-    def _set_battery(self, value: str) -> None:
-        self.battery_percent = round(within(value, 0, 100))
-
-    def _set_charging(self, value: str) -> None:
-        self.charging = switch(value)
-
-    def _set_strength(self, value: str) -> None:
-        self.strength = round(within(value, 0, 2))
-
     def _set_gps(self, latitude: str, longitude: str) -> None:
         known = latitude != 'off'
         position = (within(latitude, -90, 90), within(longitude, -180, 180)) if known else None
@@ -327,6 +309,11 @@ class Vsc:
         self.values[number] = int(within(value, -32768, 32767))
         self._answer(number)
 
+    @staticmethod
+    def _sets(field: str, read: Callable[[str], Any]) -> Callable[[Vsc, str], None]:
+        """Return what sets a field to what is read."""
+        return lambda vsc, text: setattr(vsc, field, read(text))
+
     # Words: usage, and what obeys.
     commands: dict[str, tuple[str, Callable[..., None]]] = {
         'stick': ('AXIS -1..1', _set_stick),
@@ -334,12 +321,12 @@ class Vsc:
         'fault': ('AXIS|BUTTON ok|error|unavailable', _set_fault),
         'estop': ('remote|vsc on|off', _set_estop),
         'mode': ('remote|operational|menu|pause', _set_mode),
-        'zeros': ('values|all|rest', _set_zeros),
-        'transition': ('SECONDS', _set_transition),
-        'radio': ('on|off', _set_radio),
-        'battery': ('0..100', _set_battery),
-        'charging': ('on|off', _set_charging),
-        'strength': ('0..2', _set_strength),
+        'zeros': ('values|all|rest', _sets('zeros', lambda text: one_of(_ZEROS, text))),
+        'transition': ('SECONDS', _sets('transition', lambda text: within(text, 0.0, 60.0))),
+        'radio': ('on|off', _sets('radio', switch)),
+        'battery': ('0..100', _sets('battery_percent', lambda text: round(within(text, 0, 100)))),
+        'charging': ('on|off', _sets('charging', switch)),
+        'strength': ('0..2', _sets('strength', lambda text: round(within(text, 0, 2)))),
         'gps': ('LATITUDE|off LONGITUDE|off', _set_gps),
         'value': ('KEY VALUE', _set_value),
         'ack': ('', acknowledge),

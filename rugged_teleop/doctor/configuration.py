@@ -14,7 +14,7 @@ from typing import Any
 from bridge_core.device import Device
 from bridge_core.parameter_files import check_sections, parameters_for, sections_of, strangers
 from bridge_core.parameters import full_topic, is_ros_parameter, names_of, ParameterError, resolve
-from bridge_core.transports.wire import Bridge
+from bridge_core.transports.bridge import Bridge
 from rugged_teleop.devices import devices, loaded
 from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.findings import Finding

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+
+from bridge_core.device import Device
 
 _BOOL = 'std_msgs/msg/Bool'
 _STATUS = 'diagnostic_msgs/msg/DiagnosticStatus'
@@ -19,14 +21,6 @@ COMMANDS = {
     'command': (_JOINTS,),
     'cmd_vel': ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped'),
 }
-# Topics by which a kind of bridge is known, its title, and whether it moves something.
-_KINDS = (
-    ({'radio_strength'}, 'FORT VSC', False),
-    ({'armed'}, 'VM-110', False),
-    ({'limits', 'joint_states'}, 'Fire monitor', True),
-    ({'pulse_outputs'}, 'SSC', True),
-    ({'enabled', 'joint_states'}, 'ESI drive', True),
-)
 
 
 @dataclass(frozen=True)
@@ -64,19 +58,23 @@ class Found:
     muxes: Mapping[str, Mux]
 
 
-def find(topics: Mapping[str, Collection[str]], namespace: str = '/') -> Found:
+def find(
+    topics: Mapping[str, Collection[str]], devices: Iterable[Device], namespace: str = '/'
+) -> Found:
     """
     Return the bridges and muxes of a namespace and below.
 
     :param topics: the types of each topic that is published, by its full name.
+    :param devices: those that are installed.
     """
+    kinds = [each for each in devices if each.marks]
     inside = namespace.rstrip('/') + '/'
     by_node: dict[str, dict[str, Collection[str]]] = {}
     for topic, types in topics.items():
         node, _, name = topic.rpartition('/')
         if topic.startswith(inside) and node:
             by_node.setdefault(node, {})[name] = types
-    bridges = {n: _bridge(n, t) for n, t in sorted(by_node.items()) if _has(t, _BRIDGE)}
+    bridges = {n: _bridge(n, t, kinds) for n, t in sorted(by_node.items()) if _has(t, _BRIDGE)}
     muxes = {n: mux for n, t in sorted(by_node.items()) if (mux := _mux(t)) is not None}
     return Found(bridges, muxes)
 
@@ -85,11 +83,11 @@ def _has(topics: Mapping[str, Collection[str]], wanted: Mapping[str, str]) -> bo
     return all(kind in topics.get(name, ()) for name, kind in wanted.items())
 
 
-def _bridge(node: str, topics: Mapping[str, Collection[str]]) -> Bridge:
+def _bridge(node: str, topics: Mapping[str, Collection[str]], kinds: Iterable[Device]) -> Bridge:
     streams = frozenset(n for n, kind in _STREAMS.items() if kind in topics.get(n, ()))
-    for marks, title, actuates in _KINDS:
-        if marks <= topics.keys():
-            return Bridge(title, actuates, streams)
+    for device in kinds:
+        if device.marks <= topics.keys():
+            return Bridge(device.title or device.name, device.actuator, streams)
     name = node.rsplit('/', 1)[-1]
     return Bridge(name, 'joint_states' in streams, streams, is_known=False)
 

@@ -40,6 +40,7 @@ from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, names_of, Par
 from bridge_core.polled import Polled
 from bridge_core.runner import run
 from bridge_core.share import shared
+from rugged_teleop.devices import devices
 from rugged_teleop.status_page.access import Access
 from rugged_teleop.status_page.graph import find, Mux
 from rugged_teleop.status_page.model import Diagnostic, Model
@@ -76,7 +77,7 @@ class StatusPage(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('status_page', **options)
-        page = shared('docs/safety_mux.md').read_text(encoding='utf-8')
+        page = shared('docs/inhibits.md').read_text(encoding='utf-8')
         self._model = Model(Remedies(page))  # of the lane's thread
         self._known: set[str] = set()
         self._callers: dict[str, Any] = {}  # by the name of their service
@@ -139,7 +140,7 @@ class StatusPage(ManagedNode):
         """Find what has come; listen to it."""
         topics = dict(self.get_topic_names_and_types())
         published = {name: kinds for name, kinds in topics.items() if self.count_publishers(name)}
-        found = find(published, self.get_namespace())
+        found = find(published, devices().values(), self.get_namespace())
         self._model.found(found)
         for name, bridge in found.bridges.items():
             if name not in self._known:

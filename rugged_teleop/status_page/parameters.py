@@ -40,13 +40,12 @@ PARAMETERS = (
         'names',
         [''],
         'Names by which browsers reach it, besides localhost and IP addresses. Others are '
-        'refused, so that no foreign web site gets at it by a name of its own.',
+        'refused.',
     ),
     Parameter(
         'allow_control',
         False,
-        'Offer reset, trip and autonomy on the page, to whoever has the token. False: it shows, '
-        'and changes nothing.',
+        'Offer reset, trip and autonomy on the page, to whoever has the token.',
         fixed=True,
     ),
     Parameter(

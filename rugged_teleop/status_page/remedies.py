@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What to do about an inhibit of the mux: the table of docs/safety_mux.md, read by a program."""
+"""What to do about an inhibit of the mux: the table of docs/inhibits.md, read by a program."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MARKDOWN = re.compile(r'`|\[([^]]*)\]\([^)]*\)')
 
 
 class Remedies:
-    """:param page: the text of docs/safety_mux.md."""
+    """:param page: the text of docs/inhibits.md."""
 
     def __init__(self, page: str) -> None:
         found = [

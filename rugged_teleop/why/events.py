@@ -99,7 +99,7 @@ class Events:
                 ('enabled', True): f'{node}: the drive is enabled',
                 ('enabled', False): f'{node}: the drive is disabled',
             }
-        elif name == 'enabled':  # of a VM-110: that its movements are allowed
+        elif name == 'enabled':  # of an operator's unit: that its movements are allowed
             text = f'{node}: its sticks count{"" if data else " no more"}'
             yield f'sticks {node}', data, text
         if node in self._roles.muxes:

@@ -213,7 +213,7 @@ class AuxOutputCommands:
         """Note that one of these messages went out."""
         if frame in self._queue[:1]:
             del self._queue[0]
-        elif self._undos_left:
+        else:
             self._undos.sent(now)
             self._undos_left -= 1
             if not self._undos_left:

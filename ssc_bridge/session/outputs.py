@@ -45,19 +45,10 @@ class Channel:
         self._at = 0.0  # where the servo was last, as far as is known; 0: nowhere yet
         self._commanded = False  # ``us`` is what was asked for last, not what was found
 
-    @property
-    def state(self) -> OutputState:
-        """What the last message that went out has made of it."""
-        return self.us, self._at, self._commanded
-
-    @state.setter
-    def state(self, state: OutputState) -> None:
-        self.us, self._at, self._commanded = state
-
-    def follow_on(self, state: OutputState) -> None:
-        """Go on from where a session before this one has left it, within the limits of now."""
-        us, at, commanded = state
-        self.state = self.servo.limited(us), self.servo.limited(at), commanded
+    def go_on(self, state: OutputState) -> None:
+        """Go on from what a message has made of it, within its limits."""
+        us, at, self._commanded = state
+        self.us, self._at = self.servo.limited(us), self.servo.limited(at)
 
     @property
     def is_sought(self) -> bool:
@@ -84,7 +75,7 @@ class Channel:
             self._at = self.servo.limited(us)
 
     def after(self, seconds: float) -> OutputState:
-        """Return the state after this much time; it holds once it is set."""
+        """Return the state after this much time, see go_on."""
         us, commanded = self.us, self._commanded
         if self.command.heard:
             us = self._towards(self._target, self.servo.rate_us_per_s * seconds)
@@ -133,7 +124,7 @@ class Outputs:
         self.claim()
         self.sent = tuple(states)
         for channel, state in zip(self._channels, states, strict=False):
-            channel.follow_on(state)
+            channel.go_on(state)
 
     def begin(self, now: float) -> None:
         """
@@ -222,7 +213,7 @@ class Outputs:
         """Go on from the message that ``frames`` has offered: it went out."""
         self.sent, self._releases = self._offered
         for channel, state in zip(self._channels, self.sent, strict=False):
-            channel.state = state
+            channel.go_on(state)
         self._step_on(now)
 
     def _step_on(self, now: float) -> None:

@@ -31,9 +31,10 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.j1939 import CanFrame
-from bridge_core.transports import can_ports, TransportError
+from bridge_core.transports import can_socket, TransportError
 from bridge_core.transports.can import CanTransport
-from bridge_core.transports.can_ports import PumpedPort, Unconfirmed
+from bridge_core.transports.can_pumped import PumpedPort
+from bridge_core.transports.can_socket import Unconfirmed
 from bridge_core.transports.line import Line
 from stage.can_rig import drain, error_frame, message, VARIABLE, VirtualInterface
 from stage.rig import holds_for, Pty, wait_for
@@ -415,9 +416,9 @@ class Talk:
         self.now = 100.0
         self.controller = Controller()
         monkeypatch.setattr(clock, 'now', lambda: self.now)
-        monkeypatch.setattr(can_ports, '_check_interface', lambda name: None)
-        monkeypatch.setattr(can_ports, 'writable', lambda *_: True)
-        monkeypatch.setattr(can_ports, 'SocketcanBus', lambda *_, **__: self.controller)
+        monkeypatch.setattr(can_socket, '_check_interface', lambda name: None)
+        monkeypatch.setattr(can_socket, 'writable', lambda *_: True)
+        monkeypatch.setattr(can_socket, 'SocketcanBus', lambda *_, **__: self.controller)
         self.transport = CanTransport('socketcan', 'can0')
         self.transport.open()
 

@@ -69,18 +69,6 @@ def readable(transport: HidrawTransport) -> bool:
     return bool(select.select([transport.fileno()], [], [], 0.0)[0])
 
 
-def test_reports_come_one_by_one(port: HidrawTransport, writer: int) -> None:
-    port.open()
-    assert port.receive() == []
-    os.write(writer, ONE)
-    assert readable(port)
-    assert port.receive() == [ONE]
-    os.write(writer, ONE)
-    os.write(writer, TWO)
-    assert port.receive() == [ONE, TWO]
-    assert port.receive() == []
-
-
 def test_partial_and_over_long_reads_are_handed_up_whole_and_shift_nothing(
     port: HidrawTransport, writer: int
 ) -> None:
@@ -90,16 +78,6 @@ def test_partial_and_over_long_reads_are_handed_up_whole_and_shift_nothing(
         assert port.receive() == [bad]
         os.write(writer, TWO)
         assert port.receive() == [TWO]
-
-
-def test_what_was_there_before_the_port_was_opened_is_forgotten(
-    port: HidrawTransport, writer: int
-) -> None:
-    os.write(writer, ONE)
-    port.open()
-    assert not readable(port)
-    os.write(writer, TWO)
-    assert port.receive() == [TWO]
 
 
 def test_fifo_without_a_writer_is_silent_and_one_that_lost_it_is_unplugged(
@@ -178,20 +156,6 @@ def test_serial_port_is_refused() -> None:
     with pytest.raises(TransportError, match=r'a serial port, not hidraw'):
         transport.open()
     assert transport.fileno() == -1
-
-
-def test_closed_twice_and_read_while_closed(port: HidrawTransport) -> None:
-    port.open()
-    port.close()
-    port.close()
-    with pytest.raises(TransportError, match=r'not open'):
-        port.receive()
-
-
-def test_nothing_can_be_sent(port: HidrawTransport, writer: int) -> None:
-    port.open()
-    assert port.send(ONE) is False
-    assert port.receive() == []
 
 
 class Hidraw:

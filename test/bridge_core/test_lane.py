@@ -15,12 +15,11 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool, Int32
 
-from bridge_core import clock, lane as lane_module
+from bridge_core import clock, lane as lane_module, rclpy_inner
 from bridge_core.lane import Lane
 from stage.rig import wait_for
 
@@ -63,7 +62,7 @@ class Rig:
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Run each test both ways."""
     if request.param == 'executor':
-        monkeypatch.setattr(lane_module, 'wait_set_works', lambda context: False)
+        monkeypatch.setattr(rclpy_inner, 'wait_set_works', lambda context: False)
     return str(request.param)
 
 
@@ -74,63 +73,8 @@ def rig(context: Context) -> Iterator[Rig]:
     result.close()
 
 
-def test_this_rclpy_has_the_wait_set_that_lanes_use(context: Context, way: str) -> None:
-    del way
-    assert lane_module._wait_set(context, 0) is not None
-
-
-def test_other_rclpy_is_noticed(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.undo()
-    assert lane_module.wait_set_works(context)
-    with monkeypatch.context() as changed:
-        changed.setattr('bridge_core.lane._rclpy.WaitSet', lambda context: None)
-        assert not lane_module.wait_set_works(context)
-    with monkeypatch.context() as changed:
-        changed.setattr(lane_module, '_rclpy', object())
-        assert not lane_module.wait_set_works(context)
-
-
-class OtherWaitSet:
-    """As rclpy's, but for one method that it has not, or that finds nothing."""
-
-    def __init__(self, lacks: str, *arguments: Any) -> None:
-        self._lacks = lacks
-        self._real = _rclpy.WaitSet(*arguments)
-
-    def __getattr__(self, name: str) -> Any:
-        if name == self._lacks:
-            raise AttributeError(name)
-        return (lambda *_: False) if f'{name} finds' == self._lacks else getattr(self._real, name)
-
-
-@pytest.mark.parametrize(
-    'lacks',
-    ['clear_entities', 'add_guard_condition', 'wait', 'is_ready', 'is_ready finds'],
-)
-def test_other_wait_set_is_noticed(
-    context: Context, monkeypatch: pytest.MonkeyPatch, lacks: str
-) -> None:
-    monkeypatch.undo()
-    other = SimpleNamespace(
-        WaitSet=lambda *arguments: OtherWaitSet(lacks, *arguments),
-        Subscription=_rclpy.Subscription,
-    )
-    monkeypatch.setattr(lane_module, '_rclpy', other)
-    assert not lane_module.wait_set_works(context)
-
-
-@pytest.mark.parametrize('has', ['take_message', '__enter__'])
-def test_other_subscription_is_noticed(
-    context: Context, monkeypatch: pytest.MonkeyPatch, has: str
-) -> None:
-    monkeypatch.undo()
-    other = SimpleNamespace(WaitSet=_rclpy.WaitSet, Subscription=SimpleNamespace(**{has: None}))
-    monkeypatch.setattr(lane_module, '_rclpy', other)
-    assert not lane_module.wait_set_works(context)
-
-
 def test_lane_waits_by_the_wait_set_where_there_is_one(rig: Rig, way: str) -> None:
-    assert isinstance(rig.lane._waiter, lane_module._WaitSetWaiter) == (way == 'wait set')
+    assert isinstance(rig.lane._waiter, rclpy_inner._WaitSetWaiter) == (way == 'wait set')
 
 
 def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
@@ -157,7 +101,7 @@ def test_topic_has_the_namespace_of_the_node(rig: Rig) -> None:
 
 
 def test_group_of_a_lane_lets_no_executor_begin() -> None:
-    group = lane_module.NotForExecutors()
+    group = rclpy_inner.NotForExecutors()
     assert not group.can_execute(object())
     assert not group.beginning_execution(object())
 
@@ -192,7 +136,7 @@ def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig, way: str) -> None
     rig.lane.start()
     wait_for(lambda: len(order) == 501, what=lambda: f'{len(order)} came')
     assert order[0] == 'first'  # subscribed first
-    assert order.index('second') <= 2 * lane_module._BATCH
+    assert order.index('second') <= 2 * rclpy_inner._BATCH
 
 
 def test_subscription_is_added_while_it_waits(rig: Rig) -> None:
@@ -251,13 +195,13 @@ def test_set_is_made_anew_for_other_topics_alone(
 ) -> None:
     if way != 'wait set':
         return
-    real, made = lane_module._wait_set, []
+    real, made = rclpy_inner.make_wait_set, []
 
     def make_counted(*arguments: Any) -> Any:
         made.append(arguments)
         return real(*arguments)
 
-    monkeypatch.setattr(lane_module, '_wait_set', make_counted)
+    monkeypatch.setattr(rclpy_inner, 'make_wait_set', make_counted)
     publish = rig.listen()
     rig.lane.start()
     for number in range(20):

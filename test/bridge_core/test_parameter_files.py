@@ -3,6 +3,8 @@
 
 """Parameter files: which sections are for a node, and that none is passed over in silence."""
 
+from collections.abc import Iterator
+import contextlib
 import os
 from pathlib import Path
 import subprocess
@@ -37,6 +39,34 @@ FOR_IT = (
 NOT_FOR_IT = ('safety_mux', '/safety_mux', '/right/safety_mux', '/*', '/left/*/safety_mux')
 
 
+@contextlib.contextmanager
+def of_ros(*arguments: str, name: str = 'safety_mux', space: str = '/left') -> Iterator[Node]:
+    """Give a plain node with these arguments, and with what ROS makes of them."""
+    context = Context()
+    rclpy.init(args=['--ros-args', *arguments], context=context)
+    node = Node(
+        name,
+        namespace=space,
+        context=context,
+        automatically_declare_parameters_from_overrides=True,
+    )
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def given_by_ros(node: Node, *names: str) -> dict[str, Any]:
+    return {name: node.get_parameter(name).value for name in names if node.has_parameter(name)}
+
+
+def refused(capfd: Any, *arguments: str) -> str:
+    """Show that the mux does not start with these arguments; return its last line."""
+    assert run([SafetyMux], ['node', '--ros-args', *arguments]) == 2
+    line: str = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith('rugged_teleop: ')
+    return line
+
+
 def section(name: str) -> str:
     return f'"{name}": {{ros__parameters: {{rate: 50.0}}}}\n'
 
@@ -51,25 +81,18 @@ def test_our_idea_of_whom_a_section_is_for_is_that_of_ros(
     name: str, file: Path, tmp_path: Path
 ) -> None:
     file.write_text(section(name))
-    context = Context()
-    arguments = ['--ros-args', '--params-file', str(file)]
-    rclpy.init(args=arguments, context=context)
-    node = Node('safety_mux', namespace='/left', context=context)
-    try:
-        node.declare_parameter('rate', 100.0)
-        applied = node.get_parameter('rate').value == 50.0
-        assert applied is (name in FOR_IT)
-        assert files_of(arguments) == [file]
-        empty = tmp_path / 'named.yaml'
-        empty.write_text(section('/nowhere/safety_mux'))
-        if applied:
+    arguments = ['--params-file', str(file)]
+    with of_ros(*arguments) as node:
+        applied = given_by_ros(node, 'rate') == {'rate': 50.0}
+    assert applied is (name in FOR_IT)
+    assert files_of(arguments) == [file]
+    empty = tmp_path / 'named.yaml'
+    empty.write_text(section('/nowhere/safety_mux'))
+    if applied:
+        check_sections(NODE, [empty, file])
+    else:
+        with pytest.raises(ParameterError, match='for /left/safety_mux'):
             check_sections(NODE, [empty, file])
-        else:
-            with pytest.raises(ParameterError, match='for /left/safety_mux'):
-                check_sections(NODE, [empty, file])
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
 
 
 def test_sections_below_a_namespace_have_their_full_names(file: Path) -> None:
@@ -88,21 +111,10 @@ def test_what_counts_of_several_sections_is_what_counts_in_ros(order: int, file:
     }
     content = {name: {'ros__parameters': sections[name]} for name in [*sections][::order]}
     file.write_text(yaml.safe_dump(content, sort_keys=False))
-    context = Context()
-    rclpy.init(args=['--ros-args', '--params-file', str(file)], context=context)
-    node = Node(
-        'safety_mux',
-        namespace='/left',
-        context=context,
-        automatically_declare_parameters_from_overrides=True,
-    )
-    try:
-        ours = parameters_for(NODE, [file])
-        assert set(ours) == {'a', 'b', 'c', 'd.e'}
-        assert {name: node.get_parameter(name).value for name in ours} == ours
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+    ours = parameters_for(NODE, [file])
+    assert set(ours) == {'a', 'b', 'c', 'd.e'}
+    with of_ros('--params-file', str(file)) as node:
+        assert given_by_ros(node, *ours) == ours
 
 
 def test_file_that_speaks_of_others_only_is_refused(file: Path) -> None:
@@ -123,32 +135,27 @@ def test_each_file_has_to_be_for_somebody(file: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('name', 'arguments'),
+    ('name', 'arguments', 'says'),
     [
-        ('/**/safety_mxu', ()),
-        ('/**/safety_mux', ('-r', '__node:=front_mux')),
-        ('/**/esi_drive_bridge', ()),
+        ('/**/safety_mxu', (), '/**/safety_mux'),
+        ('/**/safety_mux', ('-r', '__node:=front_mux'), '/**/front_mux'),
+        ('/**/esi_drive_bridge', (), '/**/safety_mux'),
+        (
+            '/safety_mux',
+            ('-r', '__ns:=/left'),
+            'its section /safety_mux is not for /left/safety_mux, and no other is; '
+            'name it /**/safety_mux or /left/safety_mux',
+        ),
     ],
-    ids=['misspelt', 'renamed node', 'another node'],
+    ids=['misspelt', 'renamed node', 'another node', 'another namespace'],
 )
 def test_node_that_its_file_is_not_for_does_not_start(
-    name: str, arguments: tuple[str, ...], file: Path, capfd: Any
+    name: str, arguments: tuple[str, ...], says: str, file: Path, capfd: Any
 ) -> None:
     file.write_text(section(name))
-    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file), *arguments]) == 2
-    (line,) = capfd.readouterr().err.splitlines()
+    line = refused(capfd, '--params-file', str(file), *arguments)
     assert name in line
-    assert '/**/safety_mux' in line or '/**/front_mux' in line
-
-
-def test_node_whose_section_ros_passes_over_does_not_start(file: Path, capfd: Any) -> None:
-    file.write_text(section('safety_mux'))
-    arguments = ['node', '--ros-args', '-r', '__ns:=/left', '--params-file', str(file)]
-    assert run([SafetyMux], arguments) == 2
-    (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith('rugged_teleop: ')
-    assert 'its section /safety_mux is not for /left/safety_mux' in line
-    assert 'name it /**/safety_mux or /left/safety_mux' in line
+    assert says in line
 
 
 def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: Path) -> None:
@@ -158,26 +165,19 @@ def test_parameters_of_a_node_are_those_that_ros_gives_it(file: Path, tmp_path: 
     )
     other = tmp_path / 'other.yaml'
     other.write_text(f'{NODE}: {{ros__parameters: {{joint.left.max: 2.0, joints: [left]}}}}\n')
-    arguments = ['--ros-args', '--params-file', str(file), '--params-file', str(other)]
-    context = Context()
-    rclpy.init(args=arguments, context=context)
-    node = Node('safety_mux', namespace='/left', context=context)
-    try:
-        by_ros = {name: each.value for name, each in node._parameter_overrides.items()}
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-    assert by_ros == {'rate': 50.0, 'joint.left.max': 2.0, 'joints': ['left']}
+    by_ros = {'rate': 50.0, 'joint.left.max': 2.0, 'joints': ['left']}
+    with of_ros('--params-file', str(file), '--params-file', str(other)) as node:
+        assert given_by_ros(node, *by_ros) == by_ros
     assert parameters_for(NODE, [file, other]) == by_ros
+
+
+MORE = '/**:\n  x: {ros__parameters: {a: 5}}\n  ros__parameters: {b: 5}\n'
 
 
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
-        (
-            '/**:\n  x: {ros__parameters: {a: 5}}\n  ros__parameters: {b: 5}\n',
-            r"/\*\* has 'x' beside ros__parameters: give it a section",
-        ),
+        (MORE, r"/\*\* has 'x' beside ros__parameters: give it a section"),
         ('/**/x: {ros__parameters: {a: {}, b: {}}}\n', 'a has no value'),  # ROS has a alone
     ],
 )
@@ -202,6 +202,14 @@ def test_file_of_which_ros_takes_more_or_less_is_refused(text: str, why: str, fi
         ('/**/x: {ros__parameters: {a: &v 5, b: *v}}\n', 'line 1: ROS takes no alias'),
         ('/**/x/: {ros__parameters: {}}\n', "/\\*\\*/x/ has a '/' too many"),
         ('//x: {ros__parameters: {}}\n', "//x has a '/' too many"),
+        ('/**:\n  ros__parameters:\n    rates: \n', 'rates has no value'),
+        *(
+            (
+                f'/**: {{ros__parameters: {{rates: {text}}}}}',
+                'rates = .* of several types, which ROS',
+            )
+            for text in ('[20, 5.0]', '[a, 1]', '[yes, 1]')
+        ),
     ],
 )
 def test_file_that_yaml_reads_and_ros_does_not_is_refused(text: str, why: str, file: Path) -> None:
@@ -227,19 +235,13 @@ def test_our_idea_of_a_value_is_that_of_ros(file: Path) -> None:
     names = [f'value_{n}' for n in range(len(SCALARS))]
     lines = [f'    {name}: {text}\n' for name, text in zip(names, SCALARS, strict=True)]
     file.write_text(f'/**:\n  ros__parameters:\n    n: 1\n{"".join(lines)}')
-    context = Context()
-    rclpy.init(args=['--ros-args', '--params-file', str(file)], context=context)
-    node = Node('x', context=context, automatically_declare_parameters_from_overrides=True)
-    try:
-        ours = parameters_for('/x', [file])
-        assert ours.pop('n') == 1, 'a name is no truth value'
-        theirs = {name: node.get_parameter(name).value for name in names}
-        assert {name: repr(value) for name, value in ours.items()} == {
-            name: repr(value) for name, value in theirs.items()
-        }
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+    ours = parameters_for('/x', [file])
+    assert ours.pop('n') == 1, 'a name is no truth value'
+    with of_ros('--params-file', str(file), name='x', space='/') as node:
+        theirs = given_by_ros(node, *names)
+    assert {name: repr(value) for name, value in ours.items()} == {
+        name: repr(value) for name, value in theirs.items()
+    }
 
 
 def test_file_is_read_as_utf_8_whatever_the_locale_says(file: Path) -> None:
@@ -254,17 +256,6 @@ def test_file_is_read_as_utf_8_whatever_the_locale_says(file: Path) -> None:
         command, cwd=ROOT, env={**os.environ, **plain}, capture_output=True, text=True
     )
     assert done.stdout.strip() == ascii({'port': '/dev/ü'}), done.stderr
-
-
-@pytest.mark.parametrize('text', ['[20, 5.0]', '[a, 1]', '[yes, 1]', ''])
-def test_values_that_ros_refuses_are_refused(text: str, file: Path) -> None:
-    file.write_text(f'/**:\n  ros__parameters:\n    rates: {text}\n')
-    context = Context()
-    with pytest.raises(RuntimeError, match="Couldn't parse params file"):
-        rclpy.init(args=['--ros-args', '--params-file', str(file)], context=context)
-    why = 'rates = .* has values of several types, which ROS' if text else 'rates has no value'
-    with pytest.raises(ParameterError, match=why):
-        parameters_for('/x', [file])
 
 
 _TWICE = 'stands there twice; only one would count'
@@ -297,8 +288,7 @@ def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capf
         '/**/safety_mux:\n  ros__parameters:\n'
         '    estop_sources: [fort, drive]\n    estop_sources: [fort]\n'
     )
-    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file)]) == 2
-    (line,) = capfd.readouterr().err.splitlines()
+    line = refused(capfd, '--params-file', str(file))
     assert line == f"rugged_teleop: parameter file {file}: line 4: 'estop_sources' {_TWICE}"
 
 
@@ -310,41 +300,31 @@ def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capf
     ],
 )
 def test_parameter_of_a_node_that_is_not_there_is_refused(rule: str, why: str, capfd: Any) -> None:
-    assert run([SafetyMux], ['node', '--ros-args', '-p', rule]) == 2
-    line = f'rugged_teleop: -p {rule.split(":=")[0]}: {why}'
-    assert line in capfd.readouterr().err.splitlines()
+    assert refused(capfd, '-p', rule) == f'rugged_teleop: -p {rule.split(":=")[0]}: {why}'
 
 
 @pytest.mark.parametrize('space', ['/', '/left'])
 def test_a_parameter_by_a_nodes_name_is_refused_where_ros_passes_it_over(space: str) -> None:
-    arguments = ['--ros-args', '-p', 'safety_mux:rate:=50.0']
-    context = Context()
-    rclpy.init(args=arguments, context=context)
-    node = Node('safety_mux', namespace=space, context=context)
-    name = node.get_fully_qualified_name()
-    try:
-        if 'rate' in node._parameter_overrides:
+    arguments = ['-p', 'safety_mux:rate:=50.0']
+    with of_ros(*arguments, space=space) as node:
+        name, given = node.get_fully_qualified_name(), given_by_ros(node, 'rate')
+    if given:
+        check_overrides(['/other', name], arguments)
+    else:
+        with pytest.raises(ParameterError, match='not for /left/safety_mux; set it in a file'):
             check_overrides(['/other', name], arguments)
-        else:
-            with pytest.raises(ParameterError, match='not for /left/safety_mux; set it in a file'):
-                check_overrides(['/other', name], arguments)
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
 
 
 @pytest.mark.parametrize('text', [None, 'safety_mux: [1,\n', '- a\n'])
 def test_file_that_is_none_is_one_line(text: str | None, file: Path, capfd: Any) -> None:
     if text is not None:
         file.write_text(text)
-    assert run([SafetyMux], ['node', '--ros-args', '--params-file', str(file)]) == 2
-    (line,) = capfd.readouterr().err.splitlines()
+    line = refused(capfd, '--params-file', str(file))
     assert line.startswith(f'rugged_teleop: parameter file {file}: ')
 
 
 def test_argument_that_ros_refuses_is_told_without_its_sources(capfd: Any) -> None:
-    assert run([SafetyMux], ['node', '--ros-args', '-p', 'rate']) == 2
-    line = capfd.readouterr().err.splitlines()[-1]
+    line = refused(capfd, '-p', 'rate')
     assert "'-p rate'" in line
     assert '.c:' not in line
 

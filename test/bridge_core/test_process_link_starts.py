@@ -9,12 +9,10 @@ The clock is the test's, and so are the processes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-import importlib
+from collections.abc import Iterator, Sequence
 import itertools
 import os
 from pathlib import Path
-import pickle
 import select
 import signal
 import socket
@@ -25,14 +23,11 @@ from typing import Any
 
 import pytest
 
-from bridge_core import realtime
-from bridge_core.transports import child, wire_process
+from bridge_core.transports import child
 from bridge_core.transports.request import Call
-from bridge_core.transports.wire_process import ENDING, InForce, Node, TURN
-from bridge_core.waiting import ready
+from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
 from stage.rig import ROOT
-from stage.toy_wire import BRIDGE
 
 
 @pytest.fixture
@@ -404,113 +399,3 @@ def test_stop_from_the_thread_itself_leaves_it_its_descriptor(
         patch.setattr(bench.link, '_thread', thread)
         bench.link.stop()
     os.eventfd_write(bench.link._wake_fd, 1)
-
-
-# -- how a process begins -------------------------------------------------------------------------
-
-
-class Spare:
-    """The end of a process that waits for its turn; ``ours`` is the node's."""
-
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.ours.setblocking(False)
-        self.node = Node(theirs.detach())
-        self.word = TURN  # which ends the wait
-        self.names: list[str] = []
-        self.heard: list[Any] = []
-        self.wires: list[dict[str, Any]] = []
-        self.ends: list[int] = []
-        patch.setattr(wire_process, 'ready', self._ready)
-        patch.setattr(wire_process, '_show', self.names.append)
-        patch.setattr(wire_process, 'Wire', self._wire)
-        patch.setattr(os, '_exit', self.ends.append)
-
-    def _ready(self, descriptors: list[int], timeout: float | None) -> None:
-        assert timeout is None
-        self.heard += [pickle.loads(self.ours.recv(1000))[0]]
-        self.ours.send(self.word)
-        assert ready(descriptors, 0.0) == [self.node.fileno()]
-
-    def _wire(self, bridge: Any, owner: Any, requests: Any, **options: Any) -> Any:
-        assert bridge is BRIDGE
-        assert owner is requests is self.node
-        self.wires.append(options)
-        return SimpleNamespace(run=lambda: self.heard.append('runs'), left_safe=True)
-
-    def run(self, tap: int = -1) -> None:
-        in_force = InForce()
-        wire_process.run(self.node, BRIDGE, ['no permission'], 2.5, tap, in_force, -1)
-        in_force.close()
-
-
-@pytest.fixture
-def spare(monkeypatch: pytest.MonkeyPatch) -> Iterator[Spare]:
-    spare = Spare(monkeypatch)
-    yield spare
-    spare.ours.close()
-    spare.node._socket.close()
-
-
-def test_spare_says_that_it_is_ready_and_is_the_wire_once_told(spare: Spare) -> None:
-    assert spare.node.wait_for_turn()
-    assert spare.heard == ['beat']
-    assert spare.names == ['spare wire', 'wire']
-
-
-def test_process_runs_its_wire_and_takes_its_threads_along(spare: Spare) -> None:
-    spare.run()
-    assert spare.wires == [{'reconnect_period': 2.5, 'tap': None}]
-    assert spare.heard == ['beat', 'runs']
-    assert spare.ends == [0]
-    told = pickle.loads(spare.ours.recv(1000))
-    assert told[:2] == ('on_refused', (0, 'rt_priority', 'no permission'))
-
-
-def test_spare_that_is_told_anything_but_its_turn_runs_nothing(spare: Spare) -> None:
-    spare.word = b'other'
-    spare.run()
-    assert spare.names == ['spare wire']
-    assert not spare.wires
-
-
-def test_wire_has_the_tap_of_its_node(spare: Spare) -> None:
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours, theirs:
-        spare.run(theirs.fileno())
-        tap = spare.wires[0]['tap']
-        tap.note(True, b'frame', 1.0)
-        tap.close()
-        assert ours.recv(100, socket.MSG_DONTWAIT).endswith(b'frame')
-
-
-@pytest.mark.parametrize(('priority', 'used'), [(-1, []), (0, []), (1, [1])])
-def test_process_ignores_what_ends_its_node_and_loads_all_it_needs(
-    monkeypatch: pytest.MonkeyPatch, priority: int, used: list[int]
-) -> None:
-    ignored: list[Any] = []
-    loaded: list[str] = []
-    priorities: list[int] = []
-
-    def use_realtime(priority: int) -> list[str]:
-        priorities.append(priority)
-        return ['no permission']
-
-    def load(name: str, of: Callable[[str], Any] = importlib.import_module) -> Any:
-        loaded.append(name)
-        return of(name)
-
-    monkeypatch.setattr(signal, 'signal', lambda *what: ignored.append(what))
-    monkeypatch.setattr(importlib, 'import_module', load)
-    monkeypatch.setattr(realtime, 'use_realtime', use_realtime)
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours:
-        node, bridge, refusals = wire_process.load(theirs.detach(), 'stage.toy_wire', priority)
-        node._tell('beat')
-        assert ours.recv(1000, socket.MSG_DONTWAIT)
-        node._socket.close()
-    assert ignored == [(number, signal.SIG_IGN) for number in ENDING]
-    assert bridge is BRIDGE
-    assert loaded == ['stage.toy_wire', 'bridge_core.transports.serial']
-    assert priorities == used
-    assert list(refusals) == ['no permission'] * len(used)

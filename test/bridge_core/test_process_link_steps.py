@@ -22,7 +22,6 @@ from bridge_core.supervisor import Stage
 from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Activate, Call, Deactivate, Request
-from bridge_core.transports.wire_process import receive
 from stage.link_rig import FakeOwner
 from stage.process_rig import LinkBench
 from stage.toy_wire import BRIDGE
@@ -445,51 +444,3 @@ def test_farewell_is_waited_for_where_there_may_be_one(
         bench.wire.done(number, '')
     bench.step()
     assert bench.deactivate() == waits
-
-
-# -- the wire's side ------------------------------------------------------------------------------
-
-
-def test_sign_of_life_comes_where_nothing_else_was_said(bench: LinkBench) -> None:
-    bench.say('event')
-    due = bench.wire.pace(bench.now)
-    assert due == bench.now + 0.025
-    bench.say()
-    bench.now = due
-    assert bench.wire.pace(due) == bench.wire.pace(due) == due + 0.025
-    said = iter(lambda: receive(bench.ours), None)
-    assert [pickle.loads(each or b'')[0] for each in said] == ['on_events', 'beat']
-
-
-def test_wire_that_could_not_tell_something_interrupts_its_session_once_it_can(
-    bench: LinkBench,
-) -> None:
-    interrupted: list[float] = []
-    bench.on_interrupt = lambda: interrupted.append(bench.now)
-    bench.wire._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
-    while not bench.wire._lost:
-        bench.say('event')
-    bench.wire.pace(bench.now)
-    assert not interrupted
-    while receive(bench.ours):
-        pass
-    bench.wire.pace(bench.now)
-    bench.wire.pace(bench.now)
-    assert interrupted == [bench.now]
-
-
-def test_requests_are_taken_to_the_last_one_and_then_the_end(bench: LinkBench) -> None:
-    assert bench.wire.take() == []
-    for _ in range(100):
-        assert bench.link.request(Call('ping'))
-    bench.ours.close()
-    first = bench.wire.take()
-    assert len(first) < 100  # the port has its turn between
-    assert len(first + bench.wire.take()) == 100
-    with pytest.raises(EOFError):
-        bench.wire.take()
-
-
-def test_end_whose_descriptor_is_gone_has_ended(bench: LinkBench) -> None:
-    bench.ours.close()
-    assert receive(bench.ours) == b''

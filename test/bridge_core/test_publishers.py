@@ -3,7 +3,7 @@
 
 """Two live publishers on one topic are distinguished from one restarted or killed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from signal import SIGKILL
 import time
 
@@ -20,14 +20,82 @@ pytestmark = pytest.mark.waits(60)
 PERIOD = 0.05  # s between messages
 
 
-def heard(*numbers: int | None, watch: PublisherWatch | None = None, start: float = 100.0) -> bool:
-    """Hear one number each PERIOD; tell whether the last looks like one of two publishers."""
-    watch = watch or PublisherWatch()
-    now = start
-    for number in numbers:
-        now += PERIOD
+SLOW_SECOND = [n if n % 8 else n // 8 for n in range(100, 140)]
+
+
+def hear(watch: PublisherWatch, *numbers: int | None, start: float = 100.0) -> float:
+    """Hear one number each PERIOD; return when the last came."""
+    for n, number in enumerate(numbers, 1):
+        watch.heard(number, start + n * PERIOD)
+    return start + len(numbers) * PERIOD
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'two'),
+    [
+        pytest.param(range(1, 100), False, id='one'),
+        pytest.param((1, 2, 5, 6, 40, 41, 1000), False, id='one that loses messages'),
+        pytest.param((1, 3, 5), False, id='one that loses every other message'),
+        pytest.param((500, 501, 502, 1, 2, 3, 4, 5), False, id='a restart'),
+        pytest.param((500, 501, 1, 2, 40, 41, 42), False, id='a restart that loses messages'),
+        pytest.param((5, 5, 7), False, id='a restart that loses one'),
+        pytest.param((5, 1, 5), False, id='a restart that loses three'),
+        pytest.param((500, 501, 1, 2, 1, 2), True, id='two restarts in a second'),
+        pytest.param((5, 5, 5), True, id='a number that comes again is a step back'),
+        pytest.param((100, 1, 2, 101), True, id='the first goes on after two of the second'),
+        pytest.param((3, 5, 5), True, id='the first has lost one, and says as much'),
+        pytest.param(SLOW_SECOND, True, id='a slow second'),
+        *(
+            pytest.param([m for n in (1, 2, 3) for m in (n + ahead, n)], True, id=f'{ahead} ahead')
+            for ahead in (0, 1, 7, 1000)
+        ),
+    ],
+)
+def test_numbers_tell_two_publishers_from_one(numbers: Sequence[int], two: bool) -> None:
+    watch = PublisherWatch()
+    now = hear(watch, *numbers)
+    assert watch.doubled(now) == two
+    if not two:
+        watch.counted(2)  # discovery alone, such as of a dead one, finds no second
+        assert not watch.doubled(now)
+
+
+@pytest.mark.parametrize(
+    ('heard', 'doubled'),
+    [
+        pytest.param(
+            [(500, 100.0), (1, 101.0), (501, 103.0)],
+            {103.0: True, 106.0: True, 106.125: False},
+            id='who was heard within three seconds may be alive',
+        ),
+        pytest.param(
+            [(500, 100.0), (1, 101.0), (501, 103.125)], {103.125: False}, id='and no longer'
+        ),
+        pytest.param(
+            [(10, 100.0), (4, 100.5), (3, 101.5)], {101.5: True}, id='two steps in a second'
+        ),
+        pytest.param([(10, 100.0), (4, 100.5), (3, 101.625)], {101.625: False}, id='and in more'),
+        pytest.param(
+            [(40, 100.0), (30, 110.0), (20, 120.0), (10, 121.0)],
+            {121.0: True},
+            id='the last two steps count',
+        ),
+        pytest.param(
+            [(500, 100.0), (1, 100.05), (2, 100.1), (3, 110.0), (1, 110.05), (2, 110.1)],
+            {100.1: False, 110.1: False},
+            id='restarts far apart',
+        ),
+    ],
+)
+def test_moments_tell_two_publishers_from_one(
+    heard: Sequence[tuple[int, float]], doubled: dict[float, bool]
+) -> None:
+    watch = PublisherWatch()
+    for number, now in heard:
         watch.heard(number, now)
-    return watch.doubled(now)
+    assert {now: watch.doubled(now) for now in doubled} == doubled
+    if any(doubled.values()):
+        assert not watch.settled(heard[-1][1])
 
 
 def test_messages_that_never_arrived_are_counted() -> None:
@@ -36,37 +104,23 @@ def test_messages_that_never_arrived_are_counted() -> None:
     assert [watch.heard(number, 1.0) for number in numbers] == [0, 0, 3, 0, 0, 0, 0, 1]
 
 
-def test_one_publisher_is_one() -> None:
-    assert not heard(*range(1, 100))
-
-
-def test_gaps_of_lost_messages_are_no_second_publisher() -> None:
-    assert not heard(1, 2, 5, 6, 40, 41, 1000)
-
-
-def test_restart_sets_the_numbers_back_once() -> None:
-    assert not heard(500, 501, 502, 1, 2, 3, 4, 5)
-
-
-def test_two_restarts_in_one_second_are_not_told_from_two_publishers() -> None:
-    assert heard(500, 501, 1, 2, 1, 2)  # on the safe side
-
-
-def test_two_restarts_far_apart_are_restarts() -> None:
+@pytest.mark.parametrize(
+    ('number', 'lost', 'two'), [(501, 0, True), (511, 10, True), (512, 510, False)]
+)
+def test_publisher_that_is_heard_again_may_have_lost_ten(
+    number: int, lost: int, two: bool
+) -> None:
     watch = PublisherWatch()
-    assert not heard(500, 1, 2, watch=watch)
-    assert not heard(3, 1, 2, watch=watch, start=110.0)
+    for each in (500, 1):
+        watch.heard(each, 100.0)
+    assert watch.heard(number, 100.0) == lost
+    assert watch.doubled(100.0) == two
 
 
-@pytest.mark.parametrize('offset', [0, 1, 7, 1000])
-def test_two_that_talk_in_turns_are_found_by_the_third_pair(offset: int) -> None:
-    pairs = [number for n in range(1, 4) for number in (n + offset, n)]
-    assert heard(*pairs)
-
-
-def test_slow_second_publisher_is_found() -> None:
-    numbers = [n if n % 8 else n // 8 for n in range(100, 140)]
-    assert heard(*numbers)
+def test_restart_after_which_all_goes_on_is_no_second_publisher() -> None:
+    watch = PublisherWatch()
+    assert not watch.doubled(hear(watch, *range(400, 500), 1, 2, start=0.0))
+    assert not watch.doubled(hear(watch, *range(3, 499), 501, 502, start=0.1 + 102 * PERIOD))
 
 
 @pytest.mark.parametrize('rate', [0.05, 0.5, 0.9, 1.0, 3.0])
@@ -86,101 +140,10 @@ def test_slow_second_publisher_is_found_by_its_first_message(rate: float, first:
 
 def test_second_publisher_that_discovery_knows_is_one_until_it_is_gone() -> None:
     watch = PublisherWatch()
-    assert heard(100, 7, 101, watch=watch, start=0.0)
-    watch.counted(2)
-    assert watch.doubled(3600.0)
-    watch.counted(1)
-    assert not watch.doubled(3600.0)
-    watch.counted(2)
-    assert not watch.doubled(3600.0)
-
-
-def test_discovery_alone_finds_no_second_publisher() -> None:
-    watch = PublisherWatch()
-    watch.counted(2)  # such as a dead one, and its successor
-    assert not heard(500, 501, 502, 1, 2, 3, 4, 5, watch=watch)
-
-
-def test_one_that_left_is_forgotten_without_discovery_too() -> None:
-    watch = PublisherWatch()
-    assert heard(100, 1, 101, 2, 102, watch=watch, start=0.0)
-    assert watch.doubled(3.2)
-    assert not watch.doubled(3.3)
-
-
-def test_restart_that_loses_messages_is_no_second_publisher() -> None:
-    assert not heard(500, 501, 1, 2, 40, 41, 42)
-    watch = PublisherWatch()
-    assert not heard(*range(400, 500), 1, 2, watch=watch, start=0.0)
-    assert not heard(*range(3, 499), 501, 502, watch=watch, start=0.1 + 102 * PERIOD)
-
-
-@pytest.mark.parametrize(
-    ('number', 'lost', 'two'), [(501, 0, True), (511, 10, True), (512, 510, False)]
-)
-def test_publisher_that_is_heard_again_may_have_lost_ten(
-    number: int, lost: int, two: bool
-) -> None:
-    watch = PublisherWatch()
-    for each in (500, 1):
-        watch.heard(each, 100.0)
-    assert watch.heard(number, 100.0) == lost
-    assert watch.doubled(100.0) == two
-
-
-@pytest.mark.parametrize(('moment', 'two'), [(103.0, True), (103.125, False)])
-def test_publisher_is_alive_for_three_seconds(moment: float, two: bool) -> None:
-    watch = PublisherWatch()
-    watch.heard(500, 100.0)
-    watch.heard(1, 101.0)
-    watch.heard(501, moment)
-    assert watch.doubled(moment) == two
-    if two:
-        assert watch.doubled(moment + 3.0)
-        assert not watch.doubled(moment + 3.125)
-
-
-@pytest.mark.parametrize(('moment', 'two'), [(101.5, True), (101.625, False)])
-def test_two_steps_back_within_a_second_are_two_publishers(moment: float, two: bool) -> None:
-    watch = PublisherWatch()
-    watch.heard(10, 100.0)
-    watch.heard(4, 100.5)
-    watch.heard(3, moment)
-    assert watch.doubled(moment) == two
-    assert watch.settled(moment) is False
-
-
-def test_number_that_comes_again_is_a_step_back() -> None:
-    assert heard(5, 5, 5)
-
-
-@pytest.mark.parametrize(
-    ('numbers', 'two'),
-    [
-        ((100, 1, 2, 101), True),  # the first goes on after two of the second
-        ((3, 5, 5), True),  # the first has lost one, and says as much as the second
-        ((1, 3, 5), False),  # one that loses every other message
-        ((5, 5, 7), False),  # it was restarted, and lost one
-        ((5, 1, 5), False),  # it was restarted, and lost three
-    ],
-)
-def test_numbers_that_go_on_where_others_came_between_are_of_two(
-    numbers: tuple[int, ...], two: bool
-) -> None:
-    assert heard(*numbers) == two
-
-
-def test_the_last_two_steps_back_count_however_many_there_were() -> None:
-    watch = PublisherWatch()
-    for number, now in ((40, 100.0), (30, 110.0), (20, 120.0), (10, 121.0)):
-        watch.heard(number, now)
-    assert watch.doubled(121.0)
-
-
-def test_two_publishers_of_whom_nothing_was_heard_yet_are_not_told_apart() -> None:
-    watch = PublisherWatch()
-    watch.counted(2)
-    assert not watch.doubled(100.0)
+    assert watch.doubled(hear(watch, 100, 7, 101, start=0.0))
+    for count, two in ((2, True), (1, False), (2, False)):
+        watch.counted(count)
+        assert watch.doubled(3600.0) == two
 
 
 def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None:
@@ -198,20 +161,11 @@ def test_restarted_publisher_counts_again_once_it_is_known_to_be_alone() -> None
 @pytest.mark.parametrize('number', [None, 0, 0xFFFFFFFFFFFFFFFF])
 def test_middleware_without_sequence_numbers_leaves_it_to_discovery(number: int | None) -> None:
     watch = PublisherWatch()
-    assert not heard(*[number] * 20, watch=watch)
-    assert watch.settled(100.0)
-    watch.counted(2)
-    assert watch.doubled(100.0)
-    assert not watch.settled(100.0)
-    watch.counted(1)
-    assert not watch.doubled(100.0)
-
-
-def test_discovery_alone_makes_no_second_publisher_where_numbers_are_told() -> None:
-    watch = PublisherWatch()
-    assert not heard(*range(1, 20), watch=watch)
-    watch.counted(2)
-    assert not watch.doubled(100.0)
+    assert not watch.doubled(hear(watch, *[number] * 20))
+    for count, two in ((2, True), (1, False)):
+        watch.counted(count)
+        assert watch.doubled(100.0) == two
+        assert watch.settled(100.0) != two
 
 
 # Over real topics.

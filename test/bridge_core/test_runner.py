@@ -202,29 +202,21 @@ def test_one_machine_has_the_loopback_profile_and_says_so(
     assert ONLY not in os.environ  # or rcl makes it LOCALHOST again
 
 
-def test_static_peers_of_one_machine_are_kept_and_shared_memory_is_told(
-    environment: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ('given', 'told'),
+    [
+        ({PEERS: '192.0.2.1'}, 'shared memory'),
+        ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, ''),
+        *(({choice: 'mine'}, '') for choice in CHOICES),
+    ],
+)
+def test_what_the_user_has_chosen_on_one_machine_stands(
+    environment: pytest.MonkeyPatch, given: dict[str, str], told: str
 ) -> None:
-    set_all(environment, {RANGE: 'LOCALHOST', PEERS: '192.0.2.1'})
+    set_all(environment, {RANGE: 'LOCALHOST', **given})
     before = dict(os.environ)
-    assert 'shared memory' in runner.avoid_shared_memory()
-    assert dict(os.environ) == before
-
-
-@pytest.mark.parametrize('choice', CHOICES)
-def test_choice_of_the_user_stands(environment: pytest.MonkeyPatch, choice: str) -> None:
-    environment.setenv(RANGE, 'LOCALHOST')
-    environment.setenv(choice, 'mine')
-    before = dict(os.environ)
-    assert runner.avoid_shared_memory() == ''
-    assert dict(os.environ) == before
-
-
-def test_other_middleware_is_left_alone(environment: pytest.MonkeyPatch) -> None:
-    environment.setenv(RANGE, 'LOCALHOST')
-    environment.setenv('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
-    before = dict(os.environ)
-    assert runner.avoid_shared_memory() == ''
+    text = runner.avoid_shared_memory()
+    assert told in text if told else text == ''
     assert dict(os.environ) == before
 
 
@@ -272,17 +264,15 @@ def test_nodes_on_one_machine_meet_plain_ones(
     """A plain node without a profile and ours with one find each other, whoever comes late."""
     set_all(environment, given)
     space = namespace()
-    if first == 'plain':
-        with NodeProcess(source=_PLAIN, namespace=space) as plain:
-            plain.wait_output('ready')
-            with NodeProcess('safety_mux.node', namespace=space) as mux:
-                mux.wait_output('fastdds_loopback.xml')
-                plain.wait_output('both ways')
-    else:
-        with NodeProcess('safety_mux.node', namespace=space) as mux:
-            mux.wait_output('fastdds_loopback.xml')
-            with NodeProcess(source=_PLAIN, namespace=space) as plain:
-                plain.wait_output('both ways')
+    ours = functools.partial(NodeProcess, 'safety_mux.node', namespace=space)
+    theirs = functools.partial(NodeProcess, source=_PLAIN, namespace=space)
+    words = {ours: 'fastdds_loopback.xml', theirs: 'ready'}
+    order = (theirs, ours) if first == 'plain' else (ours, theirs)
+    with order[0]() as early:
+        early.wait_output(words[order[0]])
+        with order[1]() as late:
+            late.wait_output(words[order[1]])
+            (early if first == 'plain' else late).wait_output('both ways')
 
 
 # Real-time priority.

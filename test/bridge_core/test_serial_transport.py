@@ -1,9 +1,9 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One contract for every kind of serial port: a local one, socket:// and rfc2217://."""
+"""Serial ports: busy and stalled lines, and why one cannot be opened; the rest is contract."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import errno
 import os
@@ -14,149 +14,32 @@ import socket
 import termios
 import threading
 import time
-from typing import Any, Protocol
+from typing import Any
 
 import pytest
-import serial
-from serial.rfc2217 import PortManager
 
 from bridge_core import clock
 from bridge_core.transports import serial as serial_transport, TransportError
 from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port
+from stage.port_rig import Peer, PtyPeer, Rfc2217Peer, TcpPeer
 from stage.rig import Pty, TIMEOUT_FACTOR, wait_for
 
-
-class Peer(Protocol):
-    """The other end of a port."""
-
-    url: str
-
-    def write(self, data: bytes) -> None: ...
-    def wait_received(self, data: bytes) -> None: ...
-    def unplug(self) -> None: ...
-    def replug(self) -> None: ...
-
-
-class PtyPeer(Pty):
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.url = str(path)
-
-
-class TcpPeer:
-    """A server for one client at a time; a thread, as rfc2217 negotiates during open."""
-
-    scheme = 'socket'
-
-    def __init__(self) -> None:
-        self.received = b''
-        self._address = ('127.0.0.1', 0)
-        self._client: socket.socket | None = None
-        self.replug()
-        self.url = f'{self.scheme}://127.0.0.1:{self._address[1]}'
-
-    def replug(self) -> None:
-        self._server = socket.create_server(self._address)
-        self._address = self._server.getsockname()
-        self._gone = threading.Event()
-        self._thread = threading.Thread(target=self._serve, args=(self._server,), daemon=True)
-        self._thread.start()
-
-    def unplug(self) -> None:
-        self._gone.set()
-        self._thread.join(2.0)
-        self._server.close()
-
-    def write(self, data: bytes) -> None:
-        wait_for(lambda: self._client is not None, 2.0, 'a client')
-        assert self._client is not None
-        self._client.sendall(self.outward(data))
-
-    def wait_received(self, data: bytes) -> None:
-        wait_for(lambda: data in self.received, 2.0, lambda: f'{data!r} in {self.received!r}')
-
-    def _serve(self, server: socket.socket) -> None:
-        while not self._gone.is_set():
-            if select.select([server], [], [], 0.01)[0]:
-                client = server.accept()[0]
-                self.greet(client)
-                self._client = client
-                with client, contextlib.suppress(OSError):
-                    self._talk(client)
-                self._client = None
-
-    def _talk(self, client: socket.socket) -> None:
-        while not self._gone.is_set():
-            if not self.stalled and select.select([client], [], [], 0.01)[0]:
-                data = client.recv(4096)
-                if not data:
-                    return
-                self.received += self.inward(data)
-            elif self.stalled:
-                self._gone.wait(0.01)
-
-    stalled = False
-
-    def greet(self, client: socket.socket) -> None: ...
-    def inward(self, data: bytes) -> bytes:
-        return data
-
-    def outward(self, data: bytes) -> bytes:
-        return data
-
-
-class Rfc2217Peer(TcpPeer):
-    scheme = 'rfc2217'
-
-    def greet(self, client: socket.socket) -> None:
-        class Connection:
-            write = staticmethod(client.sendall)
-
-        port: Any = serial.serial_for_url('loop://')
-        connection: Any = Connection()
-        self._manager = PortManager(port, connection)
-
-    def inward(self, data: bytes) -> bytes:
-        return b''.join(self._manager.filter(data))
-
-    def outward(self, data: bytes) -> bytes:
-        return b''.join(self._manager.escape(data))
-
-
-PEERS: dict[str, Callable[[Path], Any]] = {
-    'pty': lambda tmp_path: PtyPeer(tmp_path / 'device'),
-    'socket': lambda tmp_path: TcpPeer(),
-    'rfc2217': lambda tmp_path: Rfc2217Peer(),
-}
+PEERS = {'pty': PtyPeer, 'socket': TcpPeer, 'rfc2217': Rfc2217Peer}
 
 
 @pytest.fixture(params=PEERS)
 def peer(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
-    result = PEERS[request.param](tmp_path)
-    yield result
-    result.unplug()
-
-
-@pytest.fixture
-def transport(peer: Peer) -> Iterator[SerialTransport]:
-    result = SerialTransport(peer.url, 115200)
+    result = PEERS[request.param](tmp_path / 'device')
     yield result
     result.close()
 
 
-def open_soon(transport: SerialTransport) -> None:
-    """Open, again and again: a server may need a moment to let go of the last client."""
-
-    def opened() -> bool:
-        try:
-            transport.open()
-        except TransportError:
-            return False
-        return True
-
-    wait_for(opened, 10.0, f'{transport.name} opens')
+@pytest.fixture
+def transport(peer: Peer) -> SerialTransport:
+    transport: SerialTransport = peer.transport
+    return transport
 
 
 def take(transport: SerialTransport, size: int) -> bytes:
@@ -168,92 +51,15 @@ def take(transport: SerialTransport, size: int) -> bytes:
     return data
 
 
-def wait_lost(transport: SerialTransport) -> str:
-    """Wait for the descriptor to become readable, and for the error behind it."""
-    end = time.monotonic() + 2.0 * TIMEOUT_FACTOR
-    while time.monotonic() < end:
-        if select.select([transport.fileno()], [], [], 0.1)[0]:
-            try:
-                transport.receive()
-            except TransportError as error:
-                return str(error)
-    raise AssertionError('the loss of the port was never noticed')
-
-
 ALL_BYTES = bytes(range(256))  # no byte means anything to the port: XON, 0xFF, CR, ^C
 
 
 def test_bytes_of_all_values_pass_both_ways(peer: Peer, transport: SerialTransport) -> None:
     transport.open()
-    peer.write(ALL_BYTES)
+    peer.say(ALL_BYTES)
     assert take(transport, 256) == ALL_BYTES
     assert transport.send(ALL_BYTES)
     peer.wait_received(ALL_BYTES)
-
-
-def test_nothing_there_is_no_error_and_no_wait(peer: Peer, transport: SerialTransport) -> None:
-    transport.open()
-    assert select.select([transport.fileno()], [], [], 0)[0] == []
-    assert transport.receive() == []
-
-
-def test_close_twice_and_before_open(transport: SerialTransport) -> None:
-    transport.close()
-    transport.open()
-    transport.close()
-    transport.close()
-    assert transport.fileno() == -1
-
-
-def test_open_twice_starts_anew(peer: Peer, transport: SerialTransport) -> None:
-    transport.open()
-    open_soon(transport)
-    assert transport.send(b'here')  # a server may still talk to the first connection
-    peer.wait_received(b'here')
-    peer.write(b'hello')
-    assert take(transport, 5) == b'hello'
-
-
-def test_closed_port_gives_an_error_and_not_somebody_elses_bytes(
-    transport: SerialTransport,
-) -> None:
-    transport.open()
-    transport.close()
-    with pytest.raises(TransportError):
-        transport.receive()
-    with pytest.raises(TransportError):
-        transport.send(b'x')
-
-
-def test_peer_gone_is_an_error_and_not_silence(peer: Peer, transport: SerialTransport) -> None:
-    transport.open()
-    peer.write(b'x')
-    assert take(transport, 1) == b'x'
-    peer.unplug()
-    assert wait_lost(transport).startswith(f'{peer.url}: unplugged')
-    with pytest.raises(TransportError):
-        transport.open()
-    peer.replug()
-    open_soon(transport)
-    peer.write(b'again')
-    assert take(transport, 5) == b'again'
-
-
-def test_writing_to_a_gone_peer_is_an_error(peer: Peer, transport: SerialTransport) -> None:
-    transport.open()
-    peer.write(b'x')
-    take(transport, 1)
-    peer.unplug()
-    wait_lost(transport)
-
-    def refused() -> bool:
-        try:
-            transport.send(b'x' * 10)
-        except TransportError:
-            return True
-        return False
-
-    wait_for(refused, 2.0, 'an error')
 
 
 def test_stalled_peer_ends_in_an_error_and_close_does_not_wait(
@@ -286,22 +92,6 @@ def test_stalled_peer_ends_in_an_error_and_close_does_not_wait(
     assert longest < 3.0 * TIMEOUT_FACTOR
 
 
-def test_input_from_before_opening_is_discarded(tmp_path: Path) -> None:
-    peer = PtyPeer(tmp_path / 'device')
-    transport = SerialTransport(peer.url, 115200)
-    peer.write(b'stale')
-    transport.open()
-    peer.write(b'fresh')
-    assert take(transport, 5) == b'fresh'
-    transport.close()
-    peer.write(b'stale again')
-    transport.open()
-    peer.write(b'fresh')
-    assert take(transport, 5) == b'fresh'
-    transport.close()
-    peer.unplug()
-
-
 def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The process may end right behind that, and its threads with it."""
     monkeypatch.setattr(serial_transport, '_FINISH_TIMEOUT', 10.0)
@@ -331,17 +121,6 @@ def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.Monke
     assert port.written == b'farewell'
 
 
-def test_last_frame_leaves_although_the_port_is_closed_behind_it(
-    peer: Peer, transport: SerialTransport
-) -> None:
-    for number in range(5):
-        open_soon(transport)
-        farewell = b'farewell %d' % number
-        assert transport.send(farewell)
-        transport.close()
-        peer.wait_received(farewell)
-
-
 def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -359,7 +138,7 @@ def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(
     backlog = 64
     assert transport.send(b'third') is True
     peer.wait_received(b'third')
-    assert peer.received == bytes(65) + b'third'
+    assert peer.pty.received == bytes(65) + b'third'
     # Busy again: the time counts from here.
     backlog = 65
     now += 0.4
@@ -420,6 +199,23 @@ def test_last_frames_have_the_time_that_they_take(
     assert sum(discarded) == pytest.approx(left, abs=2)
 
 
+def test_writing_to_a_gone_peer_is_an_error(peer: Peer, transport: SerialTransport) -> None:
+    transport.open()
+    peer.say(b'x')
+    take(transport, 1)
+    peer.unplug()
+    errors: list[TransportError] = []
+
+    def refused() -> bool:
+        try:
+            transport.send(b'x' * 10)
+        except TransportError as error:
+            errors.append(error)
+        return bool(errors)
+
+    wait_for(refused, 2.0, 'an error')
+
+
 # What keeps a port from being opened, in words.
 
 
@@ -435,23 +231,20 @@ def open_error(name: str, baud: int = 115200) -> str:
     return text
 
 
-def test_missing_port_is_told(tmp_path: Path) -> None:
-    assert 'no such port' in open_error(str(tmp_path / 'nothing'))
-
-
-def test_link_to_an_unplugged_port_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('nothing', 'no such port; plug the device in, or set the parameter port'),
+        ('link', 'no such port; plug the device in, or set the parameter port'),  # unplugged
+        ('file', 'no serial port; set the parameter port'),
+        ('/dev/null', 'no serial port; set the parameter port'),
+        ('', 'a folder; set the parameter port'),
+    ],
+)
+def test_what_is_no_port_is_told(tmp_path: Path, name: str, words: str) -> None:
     (tmp_path / 'link').symlink_to(tmp_path / 'gone')
-    assert 'no such port' in open_error(str(tmp_path / 'link'))
-
-
-def test_file_that_is_no_port_is_told(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
-    for name in (str(tmp_path / 'file'), '/dev/null'):
-        assert open_error(name).endswith(': no serial port; set the parameter port')
-
-
-def test_folder_is_told(tmp_path: Path) -> None:
-    assert open_error(str(tmp_path)).endswith(': a folder; set the parameter port')
+    assert open_error(str(tmp_path / name)).endswith(f': {words}')
 
 
 @pytest.mark.parametrize(
@@ -532,27 +325,6 @@ def test_failed_attempts_leak_no_descriptors(tmp_path: Path, pty: Pty) -> None:
     # Not more; what a test before this one left may be collected meanwhile.
     assert len(os.listdir('/proc/self/fd')) <= before
     lock.close()
-
-
-def test_reopening_leaks_no_descriptors_and_threads(
-    peer: Peer, transport: SerialTransport
-) -> None:
-    def count() -> tuple[int, int]:
-        return len(os.listdir('/proc/self/fd')), threading.active_count()
-
-    before = count()
-    for _ in range(3):
-        open_soon(transport)
-        transport.close()
-    wait_for(lambda: count() <= before, 5.0, lambda: f'{before} descriptors, threads; {count()}')
-
-
-def test_loop_url_works_too() -> None:
-    transport = SerialTransport('loop://', 115200)
-    transport.open()
-    assert transport.send(b'echo')
-    assert take(transport, 4) == b'echo'
-    transport.close()
 
 
 def test_local_port_is_raw_8n1(pty: Pty) -> None:

@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable
 import math
+from typing import Any
 
 import pytest
 
@@ -67,7 +68,7 @@ class Bench:
         self.configurator.link_changed(up, now)
 
     def answer(self, value: int, now: float) -> None:
-        self.configurator.answered(KEY, value, now)
+        self.configurator.keys[KEY].answered(value, now)
 
     def poll(self, now: float, *, remote: bool = True) -> list[object]:
         """Return what is sent now."""
@@ -83,31 +84,178 @@ class Bench:
         return self.poll(end)
 
 
-def watching(interval_ms: int, kind: MessageType = JOYSTICK, now: float = 0.0) -> Bench:
-    """Return a bench that watches since now."""
-    bench = Bench(**{NAMES[kind]: interval_ms})
-    bench.link(now)
-    return bench
+# A step: when, what, and behind => the state, what is sent in it, and when something is due next.
+# 'alone' is a poll without a remote.
+ASKED_FOR = {'auto_off_enable': 1}
+EVERY_SECOND = {'joystick_interval_ms': 1000}
+POSITIONS = {'gps_interval_ms': 1000}
+BEFORE_3 = math.nextafter(3.0, 0.0)
+STATES = {
+    'unknown': UNKNOWN,
+    'wanted': AS_WANTED,
+    'written': WRITTEN,
+    'refused': REFUSED,
+    'unanswered': UNANSWERED,
+    'overruled': OVERRULED,
+}
+SENT: dict[str, list[Any]] = {
+    'nothing': [],
+    'ask': [KEY],
+    'write': [(KEY, 1)],
+    'control': [MessageControl(JOYSTICK, True, 1000)],
+}
+QUESTIONS = ['poll => unknown ask'] * 4 + ['poll => unanswered ask']
+STORIES: dict[str, tuple[dict[str, int], list[str]]] = {
+    'nothing is due before the link is up': (ASKED_FOR, ['1e6 poll => unknown nothing never']),
+    'an answer to somebody else counts for nothing': (
+        ASKED_FOR,
+        ['0 answer 0 => unknown nothing'],
+    ),
+    'a question is repeated until it is answered': (
+        ASKED_FOR,
+        [
+            *('1 up => unknown due 1', '1 poll => unknown ask due 3'),
+            *(f'{BEFORE_3} poll => unknown nothing', '3 poll => unknown ask'),
+            '3.5 answer 1 => wanted nothing never',
+        ],
+    ),
+    'an answer is looked at after a question only': (
+        ASKED_FOR,
+        [
+            *('0.5 answer 0 => unknown nothing', '1 up', '1 answer 0 => unknown nothing'),
+            *('1 poll => unknown ask', '1.5 down => unknown never', '2 up'),
+            '2 answer 0 => unknown nothing',
+        ],
+    ),
+    'a write is looked at a while later and refused then': (
+        ASKED_FOR,
+        [
+            *('1 up', '1 poll', '2.5 answer 0 => written write due 4.5'),
+            *('3 answer 0 => written nothing', '4.5 poll => written ask'),
+            '5 answer 0 => refused nothing never',
+        ],
+    ),
+    'a setting is asked for though it is not answered, at each connection anew': (
+        ASKED_FOR,
+        [
+            *('1 up', *(f'{1 + 2 * n} {step}' for n, step in enumerate(QUESTIONS))),
+            *('21 down', '21 forget'),
+            *('100 up', *(f'{100 + 2 * n} {step}' for n, step in enumerate(QUESTIONS))),
+        ],
+    ),
+    'a setting that was written is not called unanswered': (
+        ASKED_FOR,
+        [
+            *('1 up', '1 poll', '1.5 answer 0 => written write'),
+            *(f'{1.5 + 2 * n} poll => written ask' for n in range(1, 9)),
+        ],
+    ),
+    'what the user writes is looked at a while later if it is wanted': (
+        ASKED_FOR,
+        [
+            '1 up',
+            '1 poll',
+            '1.5 overrule 1 => written due 3.5',
+            '1.75 answer 1 => written due 3.5',
+        ],
+    ),
+    'what the user writes instead is not looked at': (
+        ASKED_FOR,
+        [
+            '1 up',
+            '1 poll',
+            '1.5 overrule 0 => overruled never',
+            '1.75 answer 1 => overruled never',
+        ],
+    ),
+    'it outlasts the link': (
+        ASKED_FOR,
+        [
+            *('0 up', '0.5 overrule 0', '1 down', '2 up', '2 poll => overruled nothing'),
+            '2.5 answer 0 => overruled nothing',
+        ],
+    ),
+    'it outlasts the port and a freeze': (
+        ASKED_FOR,
+        ['0 up', '0.5 overrule 0', '1 down', '1 forget', '2 up', '2 poll => overruled nothing'],
+    ),
+    'another connection begins again once its link is up': (
+        ASKED_FOR,
+        ['1 up', '1 forget => unknown never'],
+    ),
+    'a value is asked for once and without a remote': (
+        ASKED_FOR,
+        ['0 up', '0 alone => unknown ask', '0.01 alone => unknown nothing'],
+    ),
+    'an interval is watched anew once the link is back': (
+        EVERY_SECOND,
+        [
+            *('0 up', '0.5 hear', '1.5 hear', '2.5 hear', '4 poll => wanted nothing never'),
+            *('4 down', '5 up', '5.5 hear', '6 hear', '6.5 hear', '9 poll => written control'),
+        ],
+    ),
+    'what comes until a write has its effect does not count': (
+        EVERY_SECOND,
+        [
+            *('0 up', '0.5 hear', '1 hear', '1.5 hear', '4 poll => written control due 10'),
+            *('4.5 hear', '5 hear', '5.5 hear', '6 hear', '7 hear', '8 hear'),
+            '10 poll => wanted nothing',
+        ],
+    ),
+    'a watch begins anew with the link': (
+        EVERY_SECOND,
+        [
+            *('0 up', '0.5 hear', '0.75 hear', '1 hear', '1 down => unknown never'),
+            *('10 up => unknown due 14', '10 hear', '11 hear', '12 hear', '14 poll => wanted'),
+        ],
+    ),
+    'positions wait for a remote': (POSITIONS, ['0 up', '2.5 alone => unknown nothing due 6.5']),
+    'sticks do not': (EVERY_SECOND, ['0 up', '2.5 alone => unknown nothing due 4']),
+    'a position that was judged needs no remote any more': (
+        POSITIONS,
+        [
+            *('0 up', '0.5 hear', '1.5 hear', '2.5 hear', '4 poll => wanted nothing'),
+            '5 alone => wanted nothing never',
+        ],
+    ),
+}
 
 
-# Settings that can be asked for.
-
-
-def test_nothing_is_due_before_the_link_is_up() -> None:
-    bench = Bench(auto_off_enable=1, joystick_interval_ms=1000)
-    assert bench.deadline == math.inf
-    assert bench.poll(1e6) == []
-    assert Bench().deadline == math.inf
-
-
-def test_answer_to_a_question_of_somebody_else_counts_for_nothing() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.answer(0, 0.0)
-    assert bench.state == UNKNOWN
-    assert bench.queue.said == []
+@pytest.mark.parametrize('story', STORIES)
+def test_story(story: str) -> None:
+    wanted, steps = STORIES[story]
+    bench = Bench(**wanted)
+    for step in steps:
+        act, _, expected = step.partition(' => ')
+        moment, what, *value = act.split()
+        now = float(moment)
+        bench.queue.said.clear()
+        if what in ('up', 'down'):
+            bench.link(now, up=what == 'up')
+        elif what in ('poll', 'alone'):
+            bench.poll(now, remote=what == 'poll')
+        elif what == 'answer':
+            bench.answer(int(value[0]), now)
+        elif what == 'overrule':
+            bench.configurator.keys[KEY].overrule(int(value[0]), now)
+        elif what == 'hear':
+            for watch in bench.configurator.watches.values():
+                watch.heard(now)
+        else:
+            bench.configurator.look_anew()
+        words = iter(expected.split())
+        for word in words:
+            if word in STATES:
+                assert bench.state == STATES[word], step
+            elif word in SENT:
+                assert bench.queue.said == SENT[word], step
+            else:
+                due = math.inf if word == 'never' else float(next(words))
+                assert bench.deadline == due, step
 
 
 def test_first_of_several_is_due() -> None:
+    assert Bench().deadline == math.inf
     bench = Bench(auto_off_enable=1, joystick_interval_ms=1000)
     bench.link(1.0)
     assert bench.deadline == 1.0
@@ -115,82 +263,11 @@ def test_first_of_several_is_due() -> None:
     assert bench.deadline == 1.0 + ASK
 
 
-def test_question_is_repeated_until_it_is_answered() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(1.0)
-    assert bench.poll(1.0) == [KEY]
-    assert bench.poll(math.nextafter(1.0 + ASK, 0.0)) == []
-    assert bench.poll(1.0 + ASK) == [KEY]
-    bench.answer(1, 3.5)
-    assert (bench.state, bench.deadline) == (AS_WANTED, math.inf)
-
-
-def test_answer_is_looked_at_after_a_question_only() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.answer(0, 0.5)
-    bench.link(1.0)
-    bench.answer(0, 1.0)
-    assert bench.poll(1.0) == [KEY]
-    bench.link(1.5, up=False)
-    assert bench.deadline == math.inf
-    bench.link(2.0)
-    bench.answer(0, 2.0)  # to the question of before
-    assert bench.queue.said == [KEY]
-    assert bench.state == UNKNOWN
-
-
-def test_write_is_looked_at_a_while_later_and_refused_then() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(1.0)
-    bench.poll(1.0)
-    bench.answer(0, 2.5)
-    assert bench.queue.said[1:] == [(KEY, 1)]
-    assert (bench.state, bench.deadline) == (WRITTEN, 2.5 + ASK)
-    bench.answer(0, 3.0)  # to a question of before the write
-    assert bench.poll(2.5 + ASK) == [KEY]
-    bench.answer(0, 5.0)
-    assert (bench.state, bench.deadline) == (REFUSED, math.inf)
-
-
-def test_setting_that_is_not_answered_for_is_said_so_and_asked_for_all_the_same() -> None:
-    bench = Bench(auto_off_enable=1)
-    for began in (1.0, 100.0):  # at each connection anew
-        bench.link(began)
-        for n in range(4):
-            assert bench.poll(began + n * ASK) == [KEY]
-            assert bench.state == UNKNOWN
-        assert bench.poll(began + 4 * ASK) == [KEY]
-        assert bench.state == UNANSWERED
-        bench.link(began + 20.0, up=False)
-        bench.configurator.forget()
-
-
-def test_setting_that_was_written_is_not_called_unanswered() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(1.0)
-    bench.poll(1.0)
-    bench.answer(0, 1.5)
-    for n in range(1, 9):
-        assert bench.poll(1.5 + n * ASK) == [KEY]
-        assert bench.state == WRITTEN
-
-
-@pytest.mark.parametrize(('value', 'state'), [(1, WRITTEN), (0, OVERRULED)])
-def test_value_that_the_user_writes_is_looked_at_a_while_later(value: int, state: str) -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(1.0)
-    bench.poll(1.0)
-    bench.configurator.overrule(KEY, value, 1.5)
-    bench.answer(1, 1.75)  # to the question of before
-    assert bench.state == state
-    assert bench.deadline == (1.5 + ASK if state is WRITTEN else math.inf)
-
-
-def test_another_connection_begins_again_once_its_link_is_up() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(1.0)
-    bench.configurator.forget()
-    assert (bench.state, bench.deadline) == (UNKNOWN, math.inf)
+def watching(interval_ms: int, kind: MessageType = JOYSTICK) -> Bench:
+    """Return a bench that watches since 0."""
+    bench = Bench(**{NAMES[kind]: interval_ms})
+    bench.link(0.0)
+    return bench
 
 
 def test_device_that_may_be_another_one_is_asked_anew_and_written_where_it_differs() -> None:
@@ -218,35 +295,6 @@ def test_link_that_comes_and_goes_wears_out_no_device_that_takes_nothing() -> No
         bench.link(now + 1.0, up=False)
     assert written == [(KEY, 1)] * MAX_WRITES
     assert bench.state == REFUSED
-
-
-@pytest.mark.parametrize('forgotten', [False, True])
-def test_what_the_user_wrote_instead_outlasts_the_link(forgotten: bool) -> None:
-    """Lost alone, or with the port, or by a freeze."""
-    bench = Bench(auto_off_enable=1)
-    bench.link(0.0)
-    bench.configurator.overrule(KEY, 0, 0.5)
-    bench.link(1.0, up=False)
-    if forgotten:
-        bench.configurator.forget()
-    bench.link(2.0)
-    assert bench.poll(2.0) == []
-    bench.answer(0, 2.5)
-    assert bench.queue.said == []
-    assert bench.state == OVERRULED
-
-
-def test_interval_is_watched_anew_once_the_link_is_back() -> None:
-    bench = watching(500)
-    assert bench.watched(JOYSTICK, (0.5, 1.0, 1.5), 3.0) == []
-    assert bench.state == AS_WANTED
-    bench.link(4.0, up=False)
-    bench.link(5.0)
-    assert len(bench.watched(JOYSTICK, (6.0, 7.0, 8.0), 8.0)) == 1
-    assert bench.state == WRITTEN
-
-
-# Intervals, which are watched.
 
 
 @pytest.mark.parametrize(
@@ -309,44 +357,3 @@ def test_sentences_of_one_position_count_as_one(times: tuple[float, ...], state:
     bench = watching(1000, GPS)
     bench.watched(GPS, times, WATCH)
     assert bench.state == state
-
-
-def test_what_comes_until_a_write_has_its_effect_does_not_count() -> None:
-    bench = watching(1000)
-    assert len(bench.watched(JOYSTICK, (0.5, 1.0, 1.5), WATCH)) == 1
-    later = (4.0, 4.5, 5.0, 5.5, 6.0, 7.0, 8.0)  # from 6 on they are the new ones
-    assert bench.watched(JOYSTICK, later, WATCH + ASK + WATCH) == []
-    assert bench.state == AS_WANTED
-
-
-def test_watch_begins_anew_with_the_link() -> None:
-    bench = watching(1000)
-    for now in (0.5, 0.75, 1.0):
-        bench.configurator.watches[JOYSTICK].heard(now)
-    bench.link(1.0, up=False)
-    assert bench.deadline == math.inf
-    bench.link(10.0)
-    assert bench.deadline == 10.0 + WATCH
-    assert bench.watched(JOYSTICK, (10.0, 11.0, 12.0), 10.0 + WATCH) == []
-    assert bench.state == AS_WANTED
-
-
-@pytest.mark.parametrize(('kind', 'deadline'), [(GPS, 2.5 + WATCH), (JOYSTICK, WATCH)])
-def test_positions_alone_wait_for_a_remote(kind: MessageType, deadline: float) -> None:
-    bench = watching(1000, kind)
-    assert bench.poll(2.5, remote=False) == []
-    assert bench.deadline == deadline
-
-
-def test_value_is_asked_for_once_and_without_a_remote() -> None:
-    bench = Bench(auto_off_enable=1)
-    bench.link(0.0)
-    assert bench.poll(0.0, remote=False) == [KEY]
-    assert bench.poll(0.01, remote=False) == []
-
-
-def test_position_that_was_judged_needs_no_remote_any_more() -> None:
-    bench = watching(1000, GPS)
-    assert bench.watched(GPS, (0.5, 1.5, 2.5), WATCH) == []
-    bench.poll(5.0, remote=False)
-    assert (bench.state, bench.deadline) == (AS_WANTED, math.inf)

@@ -5,7 +5,6 @@
 
 import struct
 
-from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
@@ -56,23 +55,6 @@ def status(battery: int = 70, strength: int = 2) -> bytes:
     return build_frame(0x22, bytes((battery, 0, strength, strength, 0, 0)))
 
 
-def test_remote_status_that_comes_no_more_grows_stale() -> None:
-    bench = opened()
-    bench.hear(heartbeat())
-    for _ in range(3):
-        bench.run(1.0, heartbeat())
-        bench.hear(status())
-    before = bench.now
-    bench.run(4.9, heartbeat())
-    assert bench.session.remote_status is not None
-    events = bench.run(0.2, heartbeat())
-    assert RemoteState(None) in events
-    assert bench.session.remote_status is None
-    assert bench.now - before == pytest.approx(5.1)
-    assert not bench.session.estop
-    assert RemoteState(RemoteStatus(70, False, 2, 2)) in bench.hear(status())
-
-
 def test_remote_status_grows_stale_at_its_moment() -> None:
     bench = opened(heartbeat_rate=4.0)
     for _ in range(3):
@@ -104,25 +86,6 @@ def test_frame_that_is_looped_back_is_told_for_three_seconds() -> None:
     for age, told in ((2.9, True), (3.0, False)):
         words = [text for _, text in bench.session.problems(100.0 + age)]
         assert any('our own frames come back' in text for text in words) == told
-
-
-def test_device_is_asked_when_that_is_due() -> None:
-    device = DeviceSettings(heartbeat_interval_ms=50, auto_off_enable=0)
-    bench = opened(configure_device=True, heartbeat_rate=4.0, device=device)
-    bench.wait(0.1)  # not when our heartbeat is due, too
-    bench.hear(heartbeat(Mode.LOCAL))  # for these it needs no remote
-    assert build_frame(0x32, b'\x51') in [frame for _, frame in bench.sent]
-    for _ in range(100):
-        assert bench.session.deadline() <= bench.session._device.deadline
-        bench.hear(heartbeat(Mode.LOCAL))
-        bench.wait(0.03)
-
-
-def test_remote_status_of_a_long_interval_is_not_stale_between_two() -> None:
-    bench = opened()
-    for _ in range(3):
-        bench.hear(heartbeat(), status())
-        assert RemoteState(None) not in bench.run(60.0, heartbeat())
 
 
 def test_unknown_battery_level_is_no_lost_message() -> None:
@@ -310,13 +273,3 @@ def test_corrupt_length_names_no_firmware() -> None:
         bench.hear(heartbeat()[:3] + bytes((length,)) + heartbeat()[4:])
         bench.run(0.1, heartbeat())
     assert bench.session.rejected == 0
-
-
-@given(st.lists(st.binary(max_size=40) | st.sampled_from([heartbeat(), DEFLECTED, STATUS])))
-@settings(max_examples=50)
-def test_any_bytes_raise_nothing(pieces: list[bytes]) -> None:
-    bench = opened()
-    for piece in pieces:
-        bench.hear(piece)
-    bench.wait(1.0)
-    assert bench.session.estop

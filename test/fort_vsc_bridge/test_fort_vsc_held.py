@@ -75,13 +75,6 @@ class Bench(SessionBench[Session]):
         self.hear()
         assert self._state is State.STOPPED
 
-    def activate_anew(self) -> None:
-        """Begin a new session, as the node does, and let the mux hear of that."""
-        self.session = Session(self.session.settings)
-        self.open()
-        self.hear()
-        assert self._state is State.STOPPED
-
     def cycles(
         self, count: int, mode: int, frames: Sequence[CanFrame], estop: int = 0
     ) -> list[bool]:
@@ -144,27 +137,6 @@ def test_deadman_held_through_zeros_on_can_is_not_pressed_anew(
     assert bench.in_control()
 
 
-@pytest.mark.parametrize('zeros', [*ZEROS.values(), REST], ids=[*ZEROS, 'at rest'])
-@pytest.mark.parametrize('pad', PADS)
-@pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
-def test_deadman_held_since_before_a_new_activation_is_not_pressed_anew(
-    zeros: dict[str, str], pad: str, mode: int
-) -> None:
-    """In that mode the mux may be reset, and nobody sees that the deadman is held."""
-    held = four(REST, **{pad: HELD})
-    bench = Bench(pad)
-    bench.cycles(20, Mode.OPERATIONAL, held)
-    bench.activate_anew()
-    bench.cycles(20, mode, four(zeros))
-    assert bench.arbiter.reset(bench.now).ok
-    bench.cycles(20, mode, four(zeros))
-    assert set(bench.cycles(8, Mode.OPERATIONAL, held)) == {False}
-    assert not bench.in_control()
-    bench.cycles(10, Mode.OPERATIONAL, four(REST))
-    assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
-    assert bench.in_control()
-
-
 @pytest.mark.parametrize('pad', PADS)
 @pytest.mark.parametrize('mode', [Mode.REMOTE, Mode.MENU, Mode.PAUSE])
 @pytest.mark.parametrize('stop', ['silence', 'lost port', 'red button'])
@@ -186,17 +158,6 @@ def test_deadman_pressed_in_a_stop_before_a_pause_is_not_pressed_anew(
     bench.cycles(10, Mode.OPERATIONAL, four(REST))
     assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
     assert bench.in_control()
-
-
-@pytest.mark.parametrize('pad', PADS)
-def test_deadman_held_as_an_activation_finds_the_remote_operational_keeps_a_reset_away(
-    pad: str,
-) -> None:
-    bench = Bench(pad)
-    bench.activate_anew()
-    bench.cycles(8, Mode.LOCAL, four(REST))
-    assert bench.cycles(20, Mode.OPERATIONAL, four(REST, **{pad: HELD}))[-1]
-    assert not bench.arbiter.reset(bench.now).ok
 
 
 DEVICES = {

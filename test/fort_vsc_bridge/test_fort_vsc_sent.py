@@ -80,7 +80,7 @@ def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
     bench.session.forget_software_estop(bench.now)
     bench.wait(1.0)
-    assert bench.session.software_estop_in_use is required
+    assert bench.session.values(bench.now)['software e-stop in use'] is required
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
 
 
@@ -109,16 +109,6 @@ def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
     bench.session.interrupted('this node was held up', bench.now)
     bench.wait(1.0)
     assert not bench.frames(0x30)
-
-
-def test_settings_are_not_known_any_more_once_the_port_is_closed() -> None:
-    bench = opened(configure_device=True, device=DeviceSettings(auto_off_enable=1))
-    bench.hear(heartbeat())
-    bench.wait(0.1)
-    bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
-    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
-    bench.close()
-    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
 
 
 @pytest.mark.parametrize('lost', ['heartbeats', 'input', 'port'])
@@ -310,89 +300,6 @@ def test_only_settings_that_differ_are_written_and_once() -> None:
     converse(bench, device, 20.0)
     assert device.eeprom_writes == 4
     assert device.too_fast == {0x30: 0, 0x31: 0, 0x32: 0}
-
-
-def test_message_is_switched_off() -> None:
-    wanted = DeviceSettings(gps_interval_ms=0, joystick_interval_ms=40)
-    bench, device = opened(device=wanted, configure_device=True), Simulator()
-    converse(bench, device, 15.0)
-    assert device.messages[0x12][0] is False
-    assert device.messages[0x10] == (True, 0.04)
-    assert device.eeprom_writes == 2
-
-
-@pytest.mark.parametrize(
-    ('wanted', 'interval', 'writes'), [(20, 0.02, 0), (40, 0.02, 1), (20, 0.04, 1)]
-)
-@pytest.mark.parametrize('each', [1, 2, 5])
-def test_interval_is_judged_alike_where_several_frames_come_in_one_read(
-    each: int, wanted: int, interval: float, writes: int
-) -> None:
-    device = DeviceSettings(joystick_interval_ms=wanted)
-    bench = opened(configure_device=True, device=device)
-    while bench.now < 104.0:
-        bench.hear(heartbeat(), *[CENTRED] * each)
-        bench.wait(each * interval)
-    assert len(bench.frames(0x23)) == writes
-    state = 'written, not confirmed yet' if writes else 'as wanted'
-    assert bench.session.setting_states == {'joystick_interval_ms': state}
-
-
-def test_interval_is_as_wanted_after_a_stall_of_the_line() -> None:
-    device = DeviceSettings(joystick_interval_ms=20)
-    bench = opened(configure_device=True, device=device)
-    for _ in range(3):
-        bench.run(2.0, heartbeat(), CENTRED)
-        bench.wait(1.0)
-        bench.hear(heartbeat(), *[CENTRED] * 30)  # in two reads
-        bench.wait(0.001)
-        bench.hear(*[CENTRED] * 20)
-        bench.wait(0.019)
-    bench.run(3.1, heartbeat(), CENTRED)
-    assert not bench.frames(0x23)
-    assert bench.session.setting_states == {'joystick_interval_ms': 'as wanted'}
-
-
-def test_gps_is_not_judged_without_a_remote() -> None:
-    wanted = DeviceSettings(gps_interval_ms=1000)
-    bench, device = opened(device=wanted, configure_device=True), Simulator()
-    device.apply('radio off')
-    converse(bench, device, 20.0)
-    assert device.eeprom_writes == 0
-    assert bench.session.setting_states == {'gps_interval_ms': 'not known yet'}
-
-
-def test_device_that_does_not_take_a_setting_is_not_worn_out() -> None:
-    wanted = DeviceSettings(auto_off_enable=0, remote_status_interval_ms=500)
-    bench = Bench(device=wanted, configure_device=True)
-    for connection in range(1, 7):
-        bench.open()
-        for _ in range(200):
-            bench.hear(heartbeat(), build_frame(0x30, b'\x51\1\0\0\0'))
-            bench.wait(0.1)
-        assert set(bench.session.setting_states.values()) == {
-            'differs, and the device does not take it'
-        }
-        for name in ('auto_off_enable', 'remote_status_interval_ms'):
-            assert f'device.{name}: differs, and the device does not take it' in warnings(bench)
-        assert len(bench.frames(0x30)) == min(connection, 3)
-        assert len(bench.frames(0x23)) == min(connection, 3)
-        bench.close()
-
-
-def test_answer_from_before_a_write_does_not_speak_against_it() -> None:
-    wanted = DeviceSettings(auto_off_enable=0)
-    bench = opened(device=wanted, configure_device=True)
-    old, new = build_frame(0x30, b'\x51\1\0\0\0'), build_frame(0x30, b'\x51\0\0\0\0')
-    bench.hear(heartbeat(), old)
-    assert bench.session.setting_states == {'auto_off_enable': 'not known yet'}
-    bench.hear(old)
-    bench.hear(old)
-    assert bench.session.setting_states == {'auto_off_enable': 'written, not confirmed yet'}
-    bench.run(2.1, heartbeat())
-    bench.hear(new)
-    assert bench.session.setting_states == {'auto_off_enable': 'as wanted'}
-    assert len(bench.frames(0x30)) == 1
 
 
 def test_device_that_does_not_answer_is_not_written_to() -> None:

@@ -7,19 +7,15 @@ import itertools
 import math
 import random
 
-from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import (
-    Bench,
     CENTRED,
     converse,
     DEFLECTED,
-    gaps,
     heartbeat,
     LIMIT,
     NEUTRAL,
@@ -208,76 +204,6 @@ def test_faulty_stick_alone_is_zero_if_tolerated() -> None:
     assert event.axes == (1023, 0, 0, 0, 0, -1)
     assert event.buttons == (False, False, False, True, True, False, False, False)
     assert len(event.faulty) == 3
-
-
-# -- properties over random lives -----------------------------------------------------------------
-
-
-def a_life(seed: int) -> None:
-    """Live 300 random steps beside a plain model of what must hold."""
-    rng = random.Random(seed)
-    bench = Bench(software_estop_timeout=0.3)
-    session = bench.session
-    is_open = False
-    last_heartbeat: tuple[float, int, int] | None = None  # time, mode, e-stop
-    last_joystick = -math.inf
-    neutral_owed = False
-    for _ in range(300):
-        bench.events.clear()
-        action = rng.random()
-        frames: list[bytes] = []
-        if action < 0.02 and is_open:
-            bench.close()
-            is_open, last_heartbeat, last_joystick = False, None, -math.inf
-        elif action < 0.1 and not is_open:
-            bench.open()
-            is_open = True
-        elif action < 0.2:
-            session.set_software_estop(rng.random() < 0.3, bench.now)
-        elif action < 0.3:
-            session.set_feedback(rng.randint(1, 12), 1, bench.now)
-        elif action < 0.55:
-            mode = rng.choice([*Mode, Mode.OPERATIONAL, Mode.OPERATIONAL, Mode.OPERATIONAL, 0x77])
-            estop = rng.choice([0, 0, 0, 0, 1, 4, 0x40, 1 << 20])
-            frames.append(heartbeat(mode, estop))
-        elif action < 0.85:
-            frames.append(rng.choice([DEFLECTED, DEFLECTED, CENTRED]))
-        elif action < 0.9:
-            frames.append(rng.randbytes(5))
-        bench.hear(*frames)
-        if is_open and frames and frames[0][2] == 0x20 and len(frames[0]) == 12:
-            last_heartbeat = (bench.now, frames[0][4], int.from_bytes(frames[0][6:10], 'little'))
-        if is_open and frames and frames[0][2] == 0x10:
-            last_joystick = bench.now
-        if rng.random() < 0.8:
-            bench.wait(rng.choice([0.0, 0.01, 0.02, 0.05, 0.3]))
-        fresh = last_heartbeat is not None and bench.now < last_heartbeat[0] + LIMIT
-        if not session.estop:
-            assert fresh
-            assert last_heartbeat is not None
-            assert last_heartbeat[1] in (6, 9, 10, 11)
-            assert last_heartbeat[2] == 0
-        assert session.estop or not session.own_estop
-        assert bool(session.stop_reasons(bench.now)) is session.estop
-        for event in sticks(bench.events):
-            if event != NEUTRAL:
-                assert last_heartbeat is not None
-                assert last_heartbeat[1:] == (Mode.OPERATIONAL, 0)
-                neutral_owed = True
-            else:
-                neutral_owed = False
-        joystick_fresh = bench.now < last_joystick + LIMIT
-        if not (fresh and joystick_fresh and not session.estop):
-            assert not neutral_owed
-    assert all(gap >= 0.05 - 1e-9 for gap in gaps(bench.frames(0x30)))
-    assert not bench.frames(0x23)
-    assert not any(80 <= frame[4] <= 85 for _, frame in bench.frames(0x30))
-
-
-@given(st.integers(0, 2**32))
-@settings(max_examples=40)
-def test_what_must_hold_in_any_life(seed: int) -> None:
-    a_life(seed)
 
 
 def test_echo_alone_never_makes_an_own_demand() -> None:

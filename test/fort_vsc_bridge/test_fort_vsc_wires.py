@@ -15,7 +15,6 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
-from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol.can import CanIds, encode_frame
 from fort_vsc_bridge.protocol.messages import Heartbeat, HostHeartbeat, UserFeedback
 from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
@@ -46,23 +45,6 @@ def test_link_timeout_is_above_the_time_between_two_signs_of_life(wire: Any) -> 
     least = Settings.TABLE['link_timeout'].minimum
     assert least is not None
     Settings(wire=wire, link_timeout=max(math.nextafter(wire.INTERVAL, 1.0), least))
-
-
-@pytest.mark.parametrize(
-    ('transport', 'kind'), [('serial', SerialWire), ('can', CanWire), ('hid', HidWire)]
-)
-def test_parameters_become_settings(transport: str, kind: type[Any]) -> None:
-    values = {parameter.name: parameter.default for parameter in PARAMETERS}
-    values |= {'transport': transport, 'link_timeout': 1.5, 'device.auto_off_enable': 1}
-    settings = Settings.from_parameters(values)
-    assert isinstance(settings.wire, kind)
-    assert (settings.link_timeout, settings.device.auto_off_enable) == (1.5, 1)
-    assert settings.device.user_estop_timeout == values['device.user_estop_timeout']
-
-
-def test_software_stop_that_no_wire_carries_is_not_required() -> None:
-    with pytest.raises(ValueError, match='require_software_estop = True: transport hid cannot'):
-        Settings(wire=HidWire(), require_software_estop=True)
 
 
 def test_wire_that_carries_nothing_lets_nothing_pass() -> None:
@@ -196,16 +178,3 @@ def test_stops_modes_and_motion_are_the_same(steps: list[str]) -> None:
             )
     assert told['can'] == told['serial']
     assert told['hid'] == told['serial']
-
-
-@pytest.mark.parametrize('name', ['serial', 'can', 'hid'])
-def test_broken_stick_is_named_and_stops_all_sticks(name: str) -> None:
-    bench = benches()[name]
-    bench.apply('mode operational', 'stick left_y 1', 'fault right_x error')
-    bench.run(0.5)
-    assert bench.session.faulty == ('right_x error',)
-    assert not any(bench.joy.axes)
-    bench.apply('fault right_x ok')
-    bench.run(0.2)
-    assert not bench.session.faulty
-    assert bench.joy.axes[1] == 1.0

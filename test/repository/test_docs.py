@@ -22,16 +22,13 @@ from rugged_teleop.stack import BESIDE, NODES
 
 ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
-COMMON_MODULE = 'bridge_core/node.py'
+COMMON_MODULES = ('node', 'stop_topics', 'bridge_diagnostics')
 MOST_WORDS = 40  # of a cell
 LONG_CELLS = {  # still to be shortened
     'docs/can.md',
-    'docs/common.md',
     'docs/devices/esi_drive.md',
     'docs/devices/fort_vsc.md',
-    'docs/devices/ssc.md',
     'docs/devices/vm110.md',
-    'docs/safety_mux.md',
 }
 
 
@@ -103,12 +100,18 @@ def node_interfaces(node: reference.Node) -> dict[str, set[str]]:
     folder = (node.package or node.name).replace('.', '/')
     sources = [path.read_text(encoding='utf-8') for path in (ROOT / folder).glob('*.py')]
     found = interfaces('\n'.join(each.replace('from __future__', '#') for each in sources))
-    found['service'] |= {f'~/{name}' for name in getattr(node_class_of(node), 'SERVICES', ())}
+    kind = node_class_of(node)
+    found['service'] |= {f'~/{name}' for name in getattr(kind, 'SERVICES', ())}
+    if getattr(kind, 'TELLS_DEVICE', False):
+        found['topic'].add('~/device')
     return found
 
 
 def common_interfaces() -> dict[str, set[str]]:
-    return interfaces((ROOT / COMMON_MODULE).read_text(encoding='utf-8'))
+    files = (ROOT / f'bridge_core/{name}.py' for name in COMMON_MODULES)
+    found = interfaces('\n'.join(file.read_text(encoding='utf-8') for file in files))
+    found['topic'].discard('~/device')  # of some bridges
+    return found
 
 
 def executables() -> set[str]:

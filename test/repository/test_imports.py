@@ -64,7 +64,7 @@ BRIDGE = {
         *('bridge_core.convert', 'bridge_core.numerals', 'MESSAGES'),
     ),
     # The node's parameters, in a file of their own: below the node, too.
-    'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters'),
+    'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters', 'bridge_core.share'),
     # What tools are told of the device: plain values, and where the rest is.
     'device': ('bridge_core.device',),
     'decoders': (
@@ -80,6 +80,9 @@ BRIDGE = {
     # What the mux's node is made of.
     'listening': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     'services': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    # What is there, by what devices say of themselves.
+    'graph': (*LOGIC, 'bridge_core.device'),
+    'model': (*LOGIC, '{bridge}.graph'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
@@ -87,7 +90,11 @@ BRIDGE = {
         *('{bridge}.session', '{bridge}.protocol', '{bridge}.parameters'),
         *('bridge_core.transports', 'bridge_core.j1939'),
     ),
-    'node': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+    # Of the page alone: the installed devices.
+    'node': (
+        *('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
+        'rugged_teleop.devices',
+    ),
     'simulator': ('{bridge}.protocol', 'bridge_core'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
     'config': ('{bridge}.protocol', 'bridge_core.checksums'),
@@ -102,7 +109,7 @@ NODE_PART = ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB')
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'gate': ('bridge_core.watchdog',),
-    'supervisor': ('bridge_core.session',),
+    'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),
     'decoding': ('bridge_core.framing', 'bridge_core.j1939'),
@@ -117,8 +124,9 @@ SHARED = {
     'waiting': ('STDLIB',),
     'start_wire': ('bridge_core.descriptors', 'bridge_core.transports'),
     'clock': ('STDLIB',),
-    'lane': ('bridge_core.clock', 'rclpy', 'STDLIB'),
-    'polled': ('bridge_core.lane', 'rclpy'),
+    'lane': ('bridge_core.clock', 'bridge_core.rclpy_inner', 'rclpy', 'STDLIB'),
+    'polled': ('bridge_core.rclpy_inner', 'rclpy'),
+    'rclpy_inner': ('rclpy',),
     'realtime': ('STDLIB',),
     'convert': ('MESSAGES',),
     **dict.fromkeys(('bridge_diagnostics', 'input_guard', 'stop_topics'), NODE_PART),
@@ -357,7 +365,7 @@ def test_forbidden_import_is_found(module: str, source: str) -> None:
         ('new_bridge.convert', 'from sensor_msgs.msg import Joy'),
         ('new_bridge.parameters', 'from bridge_core.parameters import Parameter'),
         ('new_bridge.wire', 'from new_bridge.session import Session'),
-        ('new_bridge.wire', 'from bridge_core.transports.wire import Bridge'),
+        ('new_bridge.wire', 'from bridge_core.transports.bridge import Bridge'),
         ('new_bridge.node', 'import rclpy\nimport time\nfrom new_bridge import session'),
         ('new_bridge.simulator', 'from bridge_core.framing import StreamParser'),
         ('new_bridge.config.menus', 'from new_bridge.config.image import Image'),

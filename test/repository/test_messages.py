@@ -24,6 +24,8 @@ from stage.rig import ROOT
 SPEAKERS = (
     '*_bridge/node.py',
     '*_bridge/session/*.py',
+    'bridge_core/bridge_diagnostics.py',
+    'bridge_core/input_guard.py',
     'bridge_core/node.py',
     'bridge_core/report.py',
     'bridge_core/session.py',

@@ -47,6 +47,7 @@ DRIVES = {
     'a takeover meanwhile moves nothing': AWAITED
     + """0.7 s at rest; high back; 0.2 s at rest; is ACTIVE high; drive enabled; 0.5 s;
         at -1 -0.5""",
+    'others follow its owner meanwhile': AWAITED + '0.3 s at rest; follows low',
     'who is overruled meanwhile loses control': AWAITED + '0.2 s; high off; 0.07 s; is READY',
     'a freeze forgets its word': """in drive; active low; drive silent; jump 0.15; tick;
         is STOPPED; finds the drive: silent""",

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 import math
 import time
@@ -31,7 +30,6 @@ from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, SteppedMux, TICK
 from stage.mux_talkers import MuxBench, sticks
 from stage.rig import latched, NodeProcess, Observer
-from stage.safety_mux_bench import Bench, CONFIG, DRIVE, OFF, REST
 from stage.talkers import namespace, Talker
 
 DEADBAND = 0.05
@@ -274,73 +272,6 @@ def test_nothing_moves_without_control_nor_what_was_held_when_it_began(
             )
 
 
-# Whose demand counts, by the arbiter.
-
-
-def followed(bench: Bench, seconds: float) -> set[str | None]:
-    """Return who was followed while this time passed."""
-    found: set[str | None] = set()
-    bench.run(seconds, lambda decision: found.add(decision.follows))
-    return found
-
-
-def test_owner_is_followed_from_the_tick_in_which_he_gets_control_to_the_one_of_the_stop() -> None:
-    bench = Bench().ready()
-    assert bench.decision.follows is None
-    bench.samples['fort'] = DRIVE
-    bench.send()
-    assert bench.tick().follows == 'fort'
-    bench.arbiter.estop_message('fort', True, bench.now)
-    assert bench.tick().follows is None
-    bench.samples['fort'] = REST
-    bench.ready()
-    assert bench.decision.follows is None
-
-
-def test_released_deadman_and_lost_owner_are_followed_no_more() -> None:
-    bench = Bench().active()
-    bench.samples['fort'] = OFF
-    bench.send()
-    assert bench.tick().follows is None
-    bench = Bench().active()
-    bench.samples['fort'] = None
-    assert bench.run(0.4).follows is None
-
-
-def test_ramp_of_category_1_follows_nobody() -> None:
-    bench = Bench().active()
-    bench.arbiter.estop_message('gate', True, bench.now)
-    bench.now += 0.001
-    assert (bench.tick().state, bench.decision.owner) == (State.STOPPING, 'fort')
-    assert bench.decision.follows is None
-
-
-def test_takeover_follows_the_new_owner_at_once_and_the_former_no_more() -> None:
-    bench = Bench().active()
-    bench.samples['senior'] = DRIVE
-    bench.send()
-    assert (bench.tick().owner, bench.decision.follows) == ('senior', 'senior')
-    assert any(bench.decision.demand), 'the joints pass through zero first'
-    assert followed(bench, 0.5) == {'senior'}
-
-
-def test_owner_is_followed_while_the_joints_wait_for_the_drive() -> None:
-    """A monitor turns although the motors do not, and a stick pushed meanwhile is not held."""
-    bench = Bench(replace(CONFIG, drives=('',))).ready()
-    bench.samples['fort'], bench.drive = DRIVE, False
-    assert bench.run(0.3).follows == 'fort'
-    assert not any(bench.decision.demand)
-
-
-def test_owner_who_is_overruled_is_followed_no_more_while_the_output_ramps() -> None:
-    bench = Bench().active()
-    bench.samples['senior'] = OFF
-    bench.send()
-    assert (bench.tick().owner, bench.decision.follows) == ('fort', None)
-    assert any(bench.decision.demand)
-    assert followed(bench, 0.5) == {None}
-
-
 # Commands.
 
 
@@ -567,17 +498,6 @@ def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
         mux.destroy_node()
 
 
-def test_mux_that_is_not_asked_for_it_publishes_no_joy(observer: Observer) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.ready()
-        names = [name for name, _ in observer.node.get_topic_names_and_types()]
-        assert f'{mux.name}/status' in names
-        assert f'{mux.name}/joy/fort' not in names
-    finally:
-        mux.close()
-
-
 def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
     observer: Observer,
 ) -> None:
@@ -772,22 +692,3 @@ def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
             )
         observer.record(Twist, f'{space}/safety_mux/cmd_vel')
         observer.wait_for(lambda: 'nobody listens' not in status.last.message, 15.0, 'one')
-
-
-def test_second_publisher_of_the_twist_stops(observer: Observer) -> None:
-    mux = MuxBench(observer, output='twist', **BASE)
-    try:
-        mux.active()
-        cause = time.monotonic()
-        other = Talker(observer, Twist, f'{mux.name}/cmd_vel', Twist())
-        try:
-            mux.wait(lambda: mux.explains('stop the other publisher', 'cmd_vel'), 'why')
-            other.pause()  # what it says is heard as the mux's, up to its last
-            other.message.linear.y = 1.0
-            other.say()
-            mux.wait(lambda: any(each.linear.y for each in mux.command.messages), 'its last')
-            mux.stopped_since(cause, 5.0)
-        finally:
-            other.leave()
-    finally:
-        mux.close()

@@ -269,7 +269,10 @@ OWNERS = {
         is READY""",
     'others follow while what the owner asks for counts': """ready; follows nobody; low drive;
         0.5 s; follows low; {high off; send; tick; is ACTIVE low|soft stop!; tick;
-        is STOPPING low}; follows nobody""",
+        is STOPPING low|always stop!; tick|low silent; 0.4 s|low off; send; tick};
+        follows nobody""",
+    'they follow a new owner at once': """active low; high drive; send; tick; is ACTIVE high;
+        not at 0 0; follows high""",
     # Autonomy.
     'a person takes over from autonomy at once': """ready; select; 0.05 s; low drive; 0.1 s;
         is ACTIVE low; low rest; 1 s; is READY""",

@@ -3,6 +3,7 @@
 
 """What the inputs and outputs of an SSC may be, as docs/devices/ssc.md lists it."""
 
+import math
 from typing import Any
 
 import pytest
@@ -47,14 +48,22 @@ def test_servo_may_be_at_its_limits(given: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ('given', 'words'),
     [
+        ({'channel': 0}, r'servo\.pan\.channel'),
+        ({'channel': 24}, r'servo\.pan\.channel'),
+        ({'min_us': 0}, r'servo\.pan'),
+        ({'max_us': 32001}, r'servo\.pan'),
+        ({'max_us': 1400}, 'rising numbers'),
         ({'min_us': 1501, 'centre_us': 1500}, 'rising numbers'),
+        ({'rate_us_per_s': math.nan}, r'servo\.pan'),
+        ({**PULSE, 'failsafe_us': 2001}, r'servo\.pan'),
+        ({**PULSE, 'failsafe_us': 0}, r'servo\.pan'),
         ({'rate_us_per_s': 0.0}, 'rate_us_per_s must be above 0'),
         ({**PULSE, 'min_us': 1200, 'failsafe_us': 1199}, 'failsafe_us = 1199: must be within'),
     ],
 )
-def test_servo_that_cannot_be_is_refused(given: dict[str, Any], words: str) -> None:
+def test_servo_that_cannot_be_is_rejected(given: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        Servo(name='pan', channel=1, **given)
+        Servo(**{'name': 'pan', 'channel': 1, **given})
 
 
 def test_output_without_a_name_may_have_any_pulse() -> None:

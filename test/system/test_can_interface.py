@@ -28,7 +28,7 @@ import pytest
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can import CanTransport
-from bridge_core.transports.can_ports import READS
+from bridge_core.transports.can_port import READS
 from stage.can_rig import CanBus, message, receive, VARIABLE, VirtualInterface, wait_frames
 from stage.link_rig import Bench
 from stage.multicast_rig import run_ip

@@ -95,7 +95,7 @@ def says(browser: Browser, selector: str, text: str) -> None:
 def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: Machine) -> None:
     says(browser, '#banners', 'No motion is let through.')
     says(browser, '#inhibits', 'waiting for reset: call ~/reset')
-    says(browser, '#inhibits', 'call it, when nothing else is listed')
+    says(browser, '#inhibits', 'call it when nothing else is listed')
     machine.status = ACTIVE
     shows(browser, 'Active')
     says(browser, '#banners', 'fort has control. The machine may move.')

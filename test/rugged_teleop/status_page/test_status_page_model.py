@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import json
 import math
@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from rugged_teleop.status_page.graph import find
+from rugged_teleop.devices import devices
+from rugged_teleop.status_page.graph import find, Found
 from rugged_teleop.status_page.model import Diagnostic, SILENT
 from stage.page_rig import (
     ACTIVE,
@@ -35,6 +36,10 @@ def bridge(snapshot: dict[str, Any], name: str) -> Any:
     return next(each for each in snapshot['bridges'] if each['name'] == name)
 
 
+def found_in(topics: Mapping[str, list[str]], namespace: str = '/') -> Found:
+    return find(topics, devices().values(), namespace)
+
+
 def texts(snapshot: dict[str, Any]) -> list[str]:
     return [event['text'] for event in snapshot['events']]
 
@@ -43,7 +48,7 @@ def texts(snapshot: dict[str, Any]) -> list[str]:
 
 
 def test_bridges_are_known_by_names_and_types_of_their_topics() -> None:
-    found = find(TOPICS)
+    found = found_in(TOPICS)
     titles = {name: each.title for name, each in found.bridges.items()}
     assert titles == {
         FORT: 'FORT VSC',
@@ -56,24 +61,24 @@ def test_bridges_are_known_by_names_and_types_of_their_topics() -> None:
 
 
 def test_topic_of_another_type_is_no_bridge() -> None:
-    assert not find({'/a/estop': ['std_msgs/msg/String'], '/a/link_up': ['x']}).bridges
+    assert not found_in({'/a/estop': ['std_msgs/msg/String'], '/a/link_up': ['x']}).bridges
 
 
 def test_namespace_shows_nothing_of_its_neighbour() -> None:
     both = {f'{side}{topic}': kinds for topic, kinds in TOPICS.items() for side in ('/l', '/le')}
-    assert set(find(both, '/l').muxes) == {'/l/safety_mux'}
-    assert set(find(both, '/').muxes) == {'/l/safety_mux', '/le/safety_mux'}
+    assert set(found_in(both, '/l').muxes) == {'/l/safety_mux'}
+    assert set(found_in(both, '/').muxes) == {'/l/safety_mux', '/le/safety_mux'}
 
 
 def test_sixth_device_is_shown_by_its_name() -> None:
     topics = {'/winch/estop': ['std_msgs/msg/Bool'], '/winch/link_up': ['std_msgs/msg/Bool']}
-    assert find(topics).bridges['/winch'].title == 'winch'
+    assert found_in(topics).bridges['/winch'].title == 'winch'
 
 
 def test_node_whose_topics_go_one_by_one_keeps_its_title() -> None:
     page = model()
     rest = {name: kinds for name, kinds in TOPICS.items() if not name.endswith('radio_strength')}
-    page.found(find(rest))
+    page.found(found_in(rest))
     shown = bridge(page.snapshot(1.0, 1.0), FORT)
     assert (shown['title'], shown['remote']) == ('FORT VSC', True)
 
@@ -152,7 +157,7 @@ def test_change_of_owner_is_an_event_with_its_reason() -> None:
 
 def test_two_of_a_kind_are_told_apart_in_events() -> None:
     page = model()
-    page.found(find({f'/second{name}': kinds for name, kinds in TOPICS.items()}))
+    page.found(found_in({f'/second{name}': kinds for name, kinds in TOPICS.items()}))
     page.estop(FORT, False, 1.0)
     page.status(MUX, ACTIVE, 1.0)
     page.state(MUX, 'ACTIVE', 1.0)
@@ -207,11 +212,14 @@ CHANGES: tuple[Callable[[MuxBench], object], ...] = (
 @pytest.mark.parametrize(
     ('inhibit', 'remedy'),
     [
-        ('waiting for reset: call ~/reset', 'call it, when nothing else is listed'),
-        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
-        ("operator 'fort' is invalid: it has 2 axes, 6 are needed", 'operator.<name>.axis'),
+        ('waiting for reset: call ~/reset', 'call it when nothing else is listed'),
+        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'do as its node says'),
+        (
+            "operator 'fort' is invalid: it has 2 axes, 6 are needed",
+            'correct operator',
+        ),
         ("operator 'fort' is invalid: two live publishers on /joy: stop one of them", 'a bridge'),
-        ("autonomy is invalid: its joints are ['a'], not ['b']", "the planner's fault"),
+        ("autonomy is invalid: its joints are ['a'], not ['b']", 'correct the planner'),
         ('nobody listens to ~/command: is the drive node running and wired?', 'the drive node'),
         ('stopping on a ramp: x; ramping, left at 3.0 rad/s', 'stop category 1'),
         ('something that nobody has thought of', ''),
