@@ -5,9 +5,7 @@
 
 _SET_FIRST = 'it is set before it is read'
 _NOT_READ = 'until it was heard, it is not usable, and its value not read'
-_SAID_ANEW = 'a unit that is back is asked at once, and its next type 01 says it anew'
 _OF_PROCESSES = 'a wire with a process of its own reads it: test_process_link.py, test_runner.py'
-_EARLIEST = 'of several ends the earliest counts anyway'
 _FOR_TYPES = 'the rest of the line is true of it; for the type checker'
 _ABSTRACT = 'each kind has its own'
 _FALSY = 'None is as false'
