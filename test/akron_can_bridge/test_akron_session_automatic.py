@@ -205,21 +205,21 @@ def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> M
     return motion
 
 
-def test_steps_of_half_a_degree_are_motion_and_smaller_ones_are_noise() -> None:
-    assert turning(100, 105, 110).moving(NOW + 2 * PERIOD)
-    assert not turning(100, 104, 100, 104).moving(NOW + 3 * PERIOD)
-
-
-def test_slow_motion_adds_up_to_a_step() -> None:
-    motion = turning(100, 103, 106, 109, 112)
-    assert motion.began_at == NOW + 2 * PERIOD
-    assert motion.moving(NOW + 4 * PERIOD)
-
-
-def test_one_jump_is_no_motion() -> None:
-    motion = turning(100, 900, 900)
-    assert motion.began_at == NOW + PERIOD
-    assert not motion.moving(NOW + 2 * PERIOD)
+@pytest.mark.parametrize(
+    ('places', 'began', 'moves'),
+    [
+        ((100, 105, 110), 1, True),  # steps of half a degree
+        ((100, 104, 100, 104), None, False),  # noise
+        ((100, 103, 106, 109, 112), 2, True),  # slow motion adds up to steps
+        ((100, 900, 900), 1, False),  # a jump
+    ],
+)
+def test_two_steps_of_half_a_degree_are_motion(
+    places: tuple[int, ...], began: int | None, moves: bool
+) -> None:
+    motion = turning(*places)
+    assert motion.began_at == (-math.inf if began is None else NOW + began * PERIOD)
+    assert motion.moving(NOW + (len(places) - 1) * PERIOD) is moves
 
 
 def test_steps_of_both_angles_in_one_message_are_one() -> None:
