@@ -82,7 +82,7 @@ def test_permission_is_said_anew_where_the_unit_may_have_missed_it() -> None:
     frame = [f'{PERMISSION:08X} A10001']
     assert permitted(drive, NOW) == frame
     assert permitted(drive, NOW) == []
-    drive.forget()
+    drive.forget_inputs()
     drive.stop()  # the port was closed, and is opened again
     assert permitted(drive, NOW + 0.02, None) == []  # nothing to the former unit either
     assert permitted(drive, NOW + 0.02) == frame
@@ -167,7 +167,7 @@ def test_command_is_not_lost_to_a_press_and_a_forgotten_press_is_none() -> None:
     assert said(drive, START) == MOVING
     drive.set_command(AT_REST, START, [])
     drive.pause(START)
-    drive.forget()
+    drive.forget_inputs()
     assert said(drive, START) == NEUTRAL
 
 

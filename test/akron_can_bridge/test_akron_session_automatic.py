@@ -201,7 +201,7 @@ def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> M
     """Return one that was told these angles, in 0.1 degree, one each period."""
     motion = motion or Motion(Unit(0.3))
     for number, tenths in enumerate(places):
-        motion.take(at(tenths), since + PERIOD * number)
+        motion.hear_angles(at(tenths), since + PERIOD * number)
     return motion
 
 
@@ -226,7 +226,7 @@ def test_steps_of_both_angles_in_one_message_are_one() -> None:
     motion = Motion(Unit(0.3))
     for number, tenths in enumerate((100, 110, 120)):
         up = Position(tenths, positive=Status.ON)
-        motion.take(replace(at(tenths), elevation=up), NOW + PERIOD * number)
+        motion.hear_angles(replace(at(tenths), elevation=up), NOW + PERIOD * number)
     assert motion.began_at == NOW + PERIOD
 
 
@@ -240,21 +240,21 @@ def test_unit_stands_half_a_second_after_its_last_step() -> None:
 
 def test_angle_that_is_back_elsewhere_is_no_step() -> None:
     motion = turning(100)
-    motion.take(replace(at(100), rotation=NO_ANGLE), NOW + 0.1)
+    motion.hear_angles(replace(at(100), rotation=NO_ANGLE), NOW + 0.1)
     turning(200, 210, motion=motion, since=NOW + 0.2)
     assert not motion.moving(NOW + 0.2 + PERIOD)
 
 
 def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:
     motion = turning(100, 110, 120)
-    motion.take(at(130), motion.ends_at)
+    motion.hear_angles(at(130), motion.ends_at)
     assert motion.began_at == NOW + 2 * PERIOD + HOLD
     assert not motion.moving(motion.began_at)
 
 
 def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
     motion = turning(100, 110, 120)
-    motion.forget()
+    motion.forget_angles()
     assert (motion.began_at, motion.ends_at) == (-math.inf, -math.inf)
     assert not motion.moving(NOW + 2 * PERIOD)
     since = NOW + 3 * PERIOD

@@ -261,44 +261,44 @@ BROKEN = BasicJoystick(Axis(0, Status.ERROR), Axis.of(0))
 def hearing(*messages: Any) -> Joysticks:
     """Return what has heard one joystick, which is published as ``~/joy``."""
     joysticks = Joysticks(Settings(joy_source=OTHER))
-    joysticks.hear(joystick(), OTHER, NOW)
+    joysticks.hear_sender(joystick(), OTHER, NOW)
     for message in messages:
-        joysticks.take(message, OTHER, NOW)
+        joysticks.hear_sticks(message, OTHER, NOW)
     return joysticks
 
 
 def test_forgotten_joystick_is_not_there_and_moves_nothing() -> None:
     joysticks = hearing(RIGHT)
     assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([OTHER], [OTHER])
-    joysticks.forget()
+    joysticks.forget_senders()
     assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([], [])
 
 
 def test_forgotten_joystick_that_is_held_does_not_count_until_it_was_let_go_of() -> None:
     joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER})))
     for message in (CENTRED, RIGHT):
-        joysticks.take(message, OTHER, NOW)
+        joysticks.hear_sticks(message, OTHER, NOW)
     assert joysticks.pushes(NOW)
-    joysticks.forget()
-    joysticks.take(RIGHT, OTHER, NOW)
+    joysticks.forget_senders()
+    joysticks.hear_sticks(RIGHT, OTHER, NOW)
     assert not joysticks.pushes(NOW)
 
 
 def test_grip_of_before_is_none_of_after() -> None:
     joysticks = hearing(GRIP)
-    (sticks,) = joysticks.take(CENTRED, OTHER, NOW)
+    (sticks,) = joysticks.hear_sticks(CENTRED, OTHER, NOW)
     assert sticks.axes[2] == 250
-    joysticks.forget()
-    (sticks,) = joysticks.take(CENTRED, OTHER, NOW)
+    joysticks.forget_senders()
+    (sticks,) = joysticks.hear_sticks(CENTRED, OTHER, NOW)
     assert sticks.axes[2] == 0
 
 
 def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None:
     joysticks = hearing(BROKEN)
     assert joysticks.faulty
-    joysticks.forget()
+    joysticks.forget_senders()
     assert joysticks.faulty == ()
-    joysticks.take(BROKEN, OTHER, NOW)
+    joysticks.hear_sticks(BROKEN, OTHER, NOW)
     assert joysticks.expire(NOW + JOYSTICK_TIMEOUT, stopped=True) == [
         Sticks((0, 0, 0, 0, 0), (False,) * 16, ())
     ]
@@ -310,7 +310,7 @@ def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None
 def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
     joysticks = Joysticks(Settings())
     for message in (RIGHT, GRIP):
-        assert joysticks.take(message, source, NOW) == []
+        assert joysticks.hear_sticks(message, source, NOW) == []
     assert joysticks.moving(NOW) == []
     assert joysticks.asked_until < NOW
     assert not joysticks.automatic_asked
@@ -320,6 +320,6 @@ def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
 def test_motion_is_asked_for_by_an_allowed_joystick_alone(allowed: bool) -> None:
     joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER} if allowed else ())))
     for message in (RIGHT, GRIP):
-        joysticks.take(message, OTHER, NOW)
+        joysticks.hear_sticks(message, OTHER, NOW)
     assert joysticks.automatic_asked is allowed
     assert joysticks.asked_until == (NOW + JOYSTICK_TIMEOUT if allowed else -math.inf)

@@ -280,13 +280,13 @@ def known() -> Unit:
     unit.faults = FaultStatus(Fault(0), 0)
     for frame in VERSIONS:
         assert not unit.versions_known
-        unit.take(decode(frame).message, 0.0)  # type: ignore[arg-type]
+        unit.keep(decode(frame).message, 0.0)  # type: ignore[arg-type]
     for message in VISTA:
-        unit.take(message, 0.0)
+        unit.keep(message, 0.0)
     return unit
 
 
-@pytest.mark.parametrize('lose', [Unit.lost, Unit.forget])
+@pytest.mark.parametrize('lose', [Unit.lost, Unit.forget_state])
 def test_lost_unit_keeps_its_versions_alone(lose: Callable[[Unit], None]) -> None:
     unit = known()
     assert all(unit.kept(type(message)) == message for message in VISTA)
