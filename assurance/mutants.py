@@ -45,10 +45,10 @@ _VSC = tuple(
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
-    *('akron_drive', 'akron_finder', 'akron_joysticks', 'akron_motion', 'akron_session_automatic'),
+    *('akron_drive', 'akron_finder', 'akron_session_automatic'),
     *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
     *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
-    *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
+    *('akron_session_report', 'akron_session_loop'),
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
@@ -124,7 +124,7 @@ _NAMES_OF_TESTS = {
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
-        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
+        *('akron_protocol', 'akron_protocol_errors', 'akron_dbc'),
         *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
     ),
     'vm110_bridge/session': (
