@@ -24,10 +24,12 @@ CLEARING   disable, at rest, clear errors              DISABLED
 =========  ==========================================  ============================================
 
 Every way back to DISABLED needs a new edge, and what was asked before is forgotten. "At rest" is 0
-for torque and velocity. For position it is the measured position: a 0 there would be a journey,
-for a drive that is enabled as for one that takes its time to disable (see place).
-The first packet of ENABLED is at rest, too; from there ``slew_limit`` bounds what a packet adds
-(see ramp), and only commands since it began count.
+for torque and velocity. A position is at rest where it was measured: 0 would be a journey, also
+for a drive that takes its time to disable (see place). The first packet of ENABLED is at rest.
+From there ``slew_limit`` bounds what a packet adds (see ramp), and only commands since then count.
+
+A group of axes has these phases: all axes, or each with ``axes_enable: each`` (see group).
+The poll offers packets; what they count as follows once they went out (``sent``).
 
 Whether the drive latches its RS422 error bit the manual does not say. Either way ``estop`` is true
 while it is set, and errors are cleared on request only.
