@@ -421,7 +421,7 @@ EXCUSED: dict[str, dict[str, str]] = {
     },
     'akron_can_bridge/session/joysticks.py': {
         'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
-        'Joysticks.hear_sticks: True -> False': 'its sticks always count, so only silence is owed for',
+        'Joysticks.hear_sticks: True -> False': 'its sticks always count: silence alone is owed',
         '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
         'Joysticks.pushes: at in allowed and at in self._rested -> at in self._rested': (
             'one that nobody allowed is a stop, in which this is not asked'
