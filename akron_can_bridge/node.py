@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, UInt8
+from std_msgs.msg import UInt8
 
 from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
@@ -29,7 +29,7 @@ from akron_can_bridge.session import (
     UnitChanged,
 )
 from akron_can_bridge.wire import BRIDGE
-from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
+from bridge_core.input_guard import COMMAND_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -65,10 +65,8 @@ class AkronCanBridge(BridgeNode[Event]):
         self._limits = self.create_publisher(DiagnosticStatus, '~/limits', latched_qos())
         self._outputs = self.create_publisher(DiagnosticStatus, '~/outputs', latched_qos())
         # What comes first here is read first.
-        self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
-        self.watched_subscription(Joy, '~/cmd_joy', self._on_cmd_joy, COMMAND_QOS)
+        self.stop_input('~/estop_in', self._on_estop_in)
+        self.command_input(Joy, '~/cmd_joy', self._on_cmd_joy)
         self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, COMMAND_QOS)
 
     def forget_device(self) -> None:

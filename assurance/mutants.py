@@ -45,10 +45,10 @@ _VSC = tuple(
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
 _SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
 _AKRON = (
-    *('akron_drive', 'akron_finder', 'akron_joysticks', 'akron_motion', 'akron_session_automatic'),
+    *('akron_drive', 'akron_finder', 'akron_session_automatic'),
     *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
     *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
-    *('akron_session_report', 'akron_session_resting', 'akron_session_loop'),
+    *('akron_session_report', 'akron_session_loop'),
     *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
     'akron_session_refused',
 )
@@ -89,12 +89,10 @@ _NAMES_OF_TESTS = {
         )
     },
     'safety_mux/intake.py': ('safety_mux_intake',),
-    'safety_mux/protocol.py': (
-        'safety_mux_config',
-        'safety_mux_intake',
-        'safety_mux_mapping',
-        *_MUX,
-    ),
+    **{
+        f'safety_mux/{name}.py': (*(f'safety_mux_{n}' for n in ('intake', 'mapping')), *_MUX)
+        for name in ('protocol', 'settings')
+    },
     'safety_mux/outputs.py': ('safety_mux_outputs', 'safety_mux_gate_exploration'),
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
     'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_motion'),
@@ -126,7 +124,7 @@ _NAMES_OF_TESTS = {
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
-        *('akron_protocol', 'akron_protocol_bits', 'akron_protocol_errors'),
+        *('akron_protocol', 'akron_protocol_errors', 'akron_dbc'),
         *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
     ),
     'vm110_bridge/session': (

@@ -5,9 +5,7 @@
 
 _SET_FIRST = 'it is set before it is read'
 _NOT_READ = 'until it was heard, it is not usable, and its value not read'
-_SAID_ANEW = 'a unit that is back is asked at once, and its next type 01 says it anew'
 _OF_PROCESSES = 'a wire with a process of its own reads it: test_process_link.py, test_runner.py'
-_EARLIEST = 'of several ends the earliest counts anyway'
 _FOR_TYPES = 'the rest of the line is true of it; for the type checker'
 _ABSTRACT = 'each kind has its own'
 _FALSY = 'None is as false'
@@ -390,11 +388,7 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Asker._takes: return False -> return None': _FALSY,
     },
     'akron_can_bridge/session/drive.py': {
-        'Drive.__init__: False -> True': 'a press begins with a pause, which sets both',
-        'Drive.__init__: self._begins_press = False -> pass': _SET_FIRST,
-        'Drive.joystick_frames: self._pressed or pausing -> pausing': (
-            'what is not pressed any more is pressed again by a new pause only, which sets both'
-        ),
+        'Drive.__init__: False -> True': 'a press begins with a pause, which sets it',
     },
     'akron_can_bridge/session/finder.py': {
         'Finder.__init__: self._owes_request = True -> pass': _SET_FIRST,
@@ -403,7 +397,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Finder.claimed: source != fixed or is_ours -> is_ours': (
             'a claim of another address that is not ours ends the same below'
         ),
-        'Finder.request_due: return False -> return None': _FALSY,
+        'Finder.heard_after: silence >= _RESTART_SILENCE -> silence > _RESTART_SILENCE': (
+            'no unit restarts in that very time'
+        ),
         'Finder.rivals: self.unit is None or self._settings.device_pin -> self.unit is None': (
             'no other PIN is the one that was given'
         ),
@@ -418,33 +414,22 @@ EXCUSED: dict[str, dict[str, str]] = {
         "Finder.announced: return '' -> return None": _FALSY,
     },
     'akron_can_bridge/session/motion.py': {
+        'Demand.__init__: True -> False': 'what it is not told yet is a stop',
         'Motion.__init__: -math.inf -> math.inf': (
             'without a step there is no motion, and the first step sets when that began'
         ),
     },
     'akron_can_bridge/session/joysticks.py': {
         'Joysticks.__init__: self._extended = _NO_EXTENDED -> pass': _SET_FIRST,
-        'Joysticks.take: True -> False': 'its sticks always count, so only silence is owed for',
+        'Joysticks.hear_sticks: True -> False': 'its sticks always count: silence alone is owed',
         '_is_of_vsc: unused or () -> unused': _FOR_TYPES,
         'Joysticks.pushes: at in allowed and at in self._rested -> at in self._rested': (
             'one that nobody allowed is a stop, in which this is not asked'
         ),
     },
     'akron_can_bridge/session/session.py': {
-        'Session.__init__: True -> False': 'what it is not told yet is a stop',
-        'Session._follow: self._was_up and (not self.link_up) -> not self.link_up': (
-            'of a unit that is not heard nothing is known that could be forgotten'
-        ),
-        'Session._follow: self._in_error = False -> pass': _SAID_ANEW,
-        'Session.refused: pgn == PROPRIETARY_PGN and frame.data[0] == '
-        'MessageType.SOE_PERMISSIVE -> frame.data[0] == MessageType.SOE_PERMISSIVE': (
-            'no joystick frame of ours begins with A1'
-        ),
-        'Session._follow: False -> True': _SAID_ANEW,
-        'Session._follow_motion: True -> False': _EARLIEST,
-        'Session._is_back: return False -> return None': _FALSY,
-        'Session._permitted: self.withheld or self.drive.forbidden(now, self._holds()) -> '
-        'self.withheld': 'whatever forbids motion withholds it in the same step',
+        'Session._due_frames: self.demand.withheld or self.drive.forbidden(now, self._holds()) -> '
+        'self.demand.withheld': 'whatever forbids motion withholds it in the same step',
         'Session.set_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.limit_directions: self._expire(now) -> pass': 'the refresh at its end does it',
         'Session.limit_directions: self._refresh(now) -> pass': 'no verdict depends on directions',
@@ -453,15 +438,8 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Session.__init__: False -> True': (
             'until all was clear once nothing is paused; and who asks for a reset sets the other'
         ),
-        'Session.__init__: self._faults_at = -math.inf -> pass': _SET_FIRST,
-        'Session.__init__: -math.inf -> math.inf': _SET_FIRST,
-        'Session._wants_faults: return False -> return None': _FALSY,
         'Session._concerns_us: return False -> return None': _FALSY,
-        'Session._wants_faults: now < self._faults_at + FAULT_PERIOD -> '
-        'now <= self._faults_at + FAULT_PERIOD': 'the poll is due now or a moment later',
-        'Session._take_proprietary: self._heard.age(now) >= _RESTART_SILENCE -> '
-        'self._heard.age(now) > _RESTART_SILENCE': 'no unit restarts in that very time',
-        'Session._take_proprietary: isinstance(message, MiniOutputs) and '
+        'Session._take_proprietary: isinstance(message, protocol.MiniOutputs) and '
         'self.settings.unit_type != MINI_UNIVERSAL -> self.settings.unit_type != MINI_UNIVERSAL': (
             'of neighbours come types 84, 85 and FF, and Unit keeps no FF'
         ),
@@ -484,6 +462,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'statuses.unpack: 3 -> 4': 'only the last ones count',
     },
     'akron_can_bridge/session/unit.py': {
+        'Unit.wants_fault_poll: return False -> return None': _FALSY,
+        'Unit.wants_fault_poll: now < self._faults_at + FAULT_PERIOD -> '
+        'now <= self._faults_at + FAULT_PERIOD': 'the poll is due now or a moment later',
         'Unit.limits: 0 -> 1': 'any angle, as long as it stays',
         ": M = TypeVar('M', bound=Message) -> pass": _FOR_TYPES,
     },
@@ -595,6 +576,10 @@ EXCUSED: dict[str, dict[str, str]] = {
         '(not any(demand)) -> to_zero and ends and in_motion and (not any(demand))': (
             'without feedback what is at zero is not in motion'
         ),
+    },
+    'safety_mux/resets.py': {
+        'ResetCalls.script: self.last is None or not self.go_on -> not self.go_on': _FOR_TYPES,
+        "ResetCalls.script: return '' -> return None": _FALSY,
     },
     'safety_mux/stops.py': {
         "Stops.counts: source.config.operator or '' -> source.config.operator": _FOR_TYPES,

@@ -65,24 +65,27 @@ class InputGuard:
         return self._freeze.settling(now)
 
     def subscribe(
-        self,
-        kind: type,
-        topic: str,
-        callback: Callable[[Any], None],
-        qos: QoSProfile | int,
-        is_stop: Callable[[Any], bool],
+        self, kind: type, topic: str, callback: Callable[[Any], None], stop: bool | None = None
     ) -> None:
-        """Subscribe; see BridgeNode.watched_subscription."""
-        watch = PublisherWatch()
+        """
+        Subscribe to what one publisher alone may say.
+
+        While two are heard, and until it is known that there is one, stops alone are passed on; so
+        while somebody publishes there who is never heard.
+
+        :param stop: of a Bool, the value that is a stop: no message of it may be lost.
+        """
+        watch, qos = PublisherWatch(), COMMAND_QOS if stop is None else STOP_QOS
 
         def on_message(message: Any, info: Any) -> None:
             now = clock.now()
             name = subscription.topic_name
             lost = watch.heard(info['publication_sequence_number'], now)
-            if lost and qos is STOP_QOS:
+            if lost and stop is not None:
                 self._distrust(name, f'messages of {name} were lost: one may have been a stop')
             fault = self._fault_of(name, now)
-            if is_stop(message) or (watch.settled(now) and not fault):
+            is_stop = stop is not None and bool(message.data) is stop
+            if is_stop or (watch.settled(now) and not fault):
                 self._current.received_at = now - waited(info)
                 try:
                     callback(message)
@@ -93,7 +96,7 @@ class InputGuard:
 
         subscription = self._node.lane.subscribe(kind, topic, on_message, qos)
         self._watches[subscription.topic_name] = watch
-        if qos is STOP_QOS:
+        if stop is not None:
             self._stop_topics.append(subscription.topic_name)
 
     def _distrust(self, topic: str, fault: str) -> None:

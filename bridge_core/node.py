@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Bool, UInt8MultiArray
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
@@ -106,24 +106,15 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.link.start()
         self.lane.start()
 
-    def watched_subscription(
-        self,
-        kind: type,
-        topic: str,
-        callback: Callable[[Any], None],
-        qos: QoSProfile | int,
-        *,
-        is_stop: Callable[[Any], bool] = lambda message: False,
+    def stop_input(
+        self, topic: str, callback: Callable[[Any], None], *, stop: bool = True
     ) -> None:
-        """
-        Subscribe to what one publisher alone may say, such as the mux.
+        """Subscribe to a Bool, such as the mux's, of which the value ``stop`` always counts."""
+        self._inputs.subscribe(Bool, topic, callback, stop)
 
-        While two are heard, and until it is known that there is one, stops alone are passed on;
-        so while somebody publishes there who is never heard.
-
-        :param is_stop: tells whether a message is a stop.
-        """
-        self._inputs.subscribe(kind, topic, callback, qos, is_stop)
+    def command_input(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+        """Subscribe to commands, which count while one publisher alone is heard."""
+        self._inputs.subscribe(kind, topic, callback)
 
     def on_distrusted(self, text: str) -> None:
         """

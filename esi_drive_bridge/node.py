@@ -11,7 +11,6 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -57,13 +56,9 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._joint_states = self.create_publisher(JointState, '~/joint_states', 10)
         self._enabled = self.create_publisher(Bool, '~/enabled', latched_qos())
         # What comes first here is read first.
-        self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
-        self.watched_subscription(
-            Bool, '~/enable', self._on_enable, STOP_QOS, is_stop=lambda m: not m.data
-        )
-        self.watched_subscription(JointState, '~/command', self._on_command, COMMAND_QOS)
+        self.stop_input('~/estop_in', self._on_estop_in)
+        self.stop_input('~/enable', self._on_enable, stop=False)
+        self.command_input(JointState, '~/command', self._on_command)
         if self._is_each:
             self._is_enabled = [False, False]
             self._own = list(map(self._create_axis_interfaces, range(len(self._is_enabled))))
@@ -84,9 +79,7 @@ class EsiDriveBridge(BridgeNode[Event]):
         axis = AXIS_LETTERS[number].lower()
         name = own_topic(number, CLEAR_ERRORS)
         self._create_device_service(name, Call.of(Session.clear_axis_errors, number))
-        self.watched_subscription(
-            Bool, f'~/axis_{axis}/enable', on_enable, STOP_QOS, is_stop=lambda m: not m.data
-        )
+        self.stop_input(f'~/axis_{axis}/enable', on_enable, stop=False)
         qos = latched_qos(deadline=2.0 / self.values['estop_rate'])
         return (
             self.create_publisher(Bool, f'~/axis_{axis}/estop', qos),

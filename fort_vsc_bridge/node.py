@@ -11,10 +11,9 @@ from typing import Any, ClassVar, TYPE_CHECKING
 
 from diagnostic_msgs.msg import KeyValue
 from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
-from std_msgs.msg import Bool, Int8, String, UInt8
+from std_msgs.msg import Int8, String, UInt8
 
 from bridge_core.diagnostics import to_msg
-from bridge_core.input_guard import STOP_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
@@ -67,13 +66,7 @@ class FortVscBridge(BridgeNode[Event]):
         self._fix = self.create_publisher(NavSatFix, '~/fix', 10)
         self._nmea = self.create_publisher(String, '~/nmea', 10)
         self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
-        self.watched_subscription(
-            Bool,
-            '~/software_estop',
-            self._on_software_estop,
-            STOP_QOS,
-            is_stop=lambda m: bool(m.data),
-        )
+        self.stop_input('~/software_estop', self._on_software_estop)
         self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
         self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)

@@ -6,14 +6,8 @@
 from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import DriveInput, Input, SourceInput, SpeedLimitInput
 from safety_mux.owners import AutonomyInput, demand_fault, OperatorInput
-from safety_mux.protocol import (
-    AUTONOMY,
-    Demand,
-    Kind,
-    MOST_OF_A_JOINT,
-    MuxConfig,
-    OperatorSample,
-)
+from safety_mux.protocol import AUTONOMY, Demand, Kind, MOST_OF_A_JOINT, OperatorSample
+from safety_mux.settings import MuxConfig
 
 
 class Inputs:

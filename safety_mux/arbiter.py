@@ -44,7 +44,6 @@ from safety_mux.protocol import (
     Demand,
     Limiter,
     milliseconds,
-    MuxConfig,
     Reply,
     State,
     Status,
@@ -52,6 +51,7 @@ from safety_mux.protocol import (
     Transition,
 )
 from safety_mux.resets import ResetCalls
+from safety_mux.settings import MuxConfig
 from safety_mux.stops import Stops
 
 

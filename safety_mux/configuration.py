@@ -10,7 +10,7 @@ from bridge_core.parameters import names_of, ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL
-from safety_mux.protocol import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
+from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 _T = TypeVar('_T')
 _DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}

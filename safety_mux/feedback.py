@@ -11,7 +11,8 @@ What is not known counts as motion where standstill is asked for, and never as o
 import math
 
 from safety_mux.inputs import Input
-from safety_mux.protocol import Demand, Feedback, milliseconds
+from safety_mux.protocol import Demand, milliseconds
+from safety_mux.settings import Feedback
 
 
 class FeedbackInput(Input):

@@ -10,7 +10,7 @@ the next tick. Of everything else only the newest value counts.
 """
 
 from bridge_core.watchdog import Watchdog
-from safety_mux.protocol import EStopSource, SpeedLimit
+from safety_mux.settings import EStopSource, SpeedLimit
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
 

@@ -77,6 +77,12 @@ class Intake:
         )
         self._of_twist = wheels.demand if values['output'] == 'joints' else forward_and_turn
 
+    @property
+    def old_stamps(self) -> dict[str, str]:
+        """By operator, why it may be gone."""
+        warnings = {name: watch.warning for name, watch in self.stamps.items()}
+        return {name: why for name, why in warnings.items() if why is not None}
+
     def decide(self, now: float) -> Decision:
         """Decide, by all that was taken; see ``Arbiter.tick``."""
         self._decision = self.arbiter.tick(now)

@@ -15,6 +15,7 @@ from bridge_core import clock
 from bridge_core.lane import owner_of
 from bridge_core.managed_node import ManagedNode
 from bridge_core.publishers import PublisherWatch
+from safety_mux.button import ResetButton
 from safety_mux.device_words import DeviceWords
 from safety_mux.intake import Intake, Listened
 from safety_mux.protocol import Kind
@@ -25,6 +26,7 @@ ESTOP_QOS = QoSProfile(depth=100)
 # message that was lost is no stop. Their time-outs bound what that may hide.
 DEMAND_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+_EARLY = 'was pressed before the stop was over'
 _TYPES = {each.__name__: each for each in (Bool, Float64, JointState, Joy, Twist, TwistStamped)}
 
 
@@ -140,6 +142,63 @@ class OwnOutputs:
         """Return the topics that somebody else publishes, too, in words; empty if none is."""
         topics = (topic for topic, (_, watch) in self._watches.items() if watch.doubled(now))
         return ', '.join(topics)
+
+
+class ButtonTopic:
+    """
+    The reset button's topic, and its publishers.
+
+    :param stopped: whether the mux is STOPPED. :param stopped_at: when its last stop was over.
+    :param reset: called for a press that counts. :param refuse: gets the time, and why none does.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        topic: str,
+        *,
+        stopped: Callable[[], bool],
+        stopped_at: Callable[[], float],
+        reset: Callable[[], object],
+        refuse: Callable[[float, str], object],
+    ) -> None:
+        self._node = node
+        self._stopped, self._stopped_at = stopped, stopped_at
+        self._reset, self._refuse = reset, refuse
+        self._button, self._watch = ResetButton(), PublisherWatch()
+        subscription = node.lane.subscribe(Bool, topic, self.on_message, DEMAND_QOS)
+        self._topic = subscription.topic_name
+
+    def on_message(self, message: Any, info: Any) -> None:
+        """Take what the button says."""
+        now = clock.now()
+        trouble = self._trouble(info['publication_sequence_number'], now)
+        why_not = self._button.hear(message.data, now, trouble)
+        if why_not is None:
+            return
+        if self._stopped_at() > self._button.free_at:
+            why_not = why_not or _EARLY  # it may have come between two messages
+        if why_not and self._stopped():
+            self._refuse(now, f'not reset: the reset button {why_not}')
+        else:
+            self._reset()  # also with nothing to reset: by that a script shows itself
+
+    def _trouble(self, sequence_number: int, now: float) -> str:
+        """Return why a press does not count at this moment; empty if it does."""
+        lost = self._watch.heard(sequence_number, now)
+        if self._watch.doubled(now):
+            return 'has two live publishers: stop one of them'
+        if lost or not self._watch.settled(now):
+            return 'has lost messages, or a new publisher'
+        return '' if self._stopped() else _EARLY
+
+    def look_around(self) -> None:
+        """Count its publishers."""
+        self._watch.counted(self._node.count_publishers(self._topic))
+
+    def problem(self, now: float) -> str | None:
+        """Return why it could not reset now, in words; None if it could."""
+        return self._button.problem(now)
 
 
 def listeners_of(node: ManagedNode, topic: str) -> list[str]:

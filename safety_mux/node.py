@@ -24,13 +24,11 @@ from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
-from bridge_core.publishers import PublisherWatch
 from bridge_core.runner import run
 from bridge_core.watchdog import FROZEN
-from safety_mux.button import ResetButton
 from safety_mux.configuration import check, joy_mapping
 from safety_mux.intake import Intake
-from safety_mux.listening import DEMAND_QOS, listeners_of, OwnOutputs, Subscriptions
+from safety_mux.listening import ButtonTopic, listeners_of, OwnOutputs, Subscriptions
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.parameters import GENERAL, parameter_table
 from safety_mux.protocol import Decision, Reply, State
@@ -47,7 +45,6 @@ _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
 _INACTIVE = 'the mux is not active: activate the node'
-_EARLY = 'was pressed before the stop was over'
 
 
 class SafetyMux(ManagedNode):
@@ -87,19 +84,21 @@ class SafetyMux(ManagedNode):
         self._words_posted = False  # those of devices, to the lane
         self._level: bytes | None = None  # as in /diagnostics last
         self._build()
-        self._button: ResetButton | None = None
-        self._button_watch = PublisherWatch()
+        self._button: ButtonTopic | None = None
         if self.values['reset_topic']:
-            self._button = ResetButton()
-            topic = self.values['reset_topic']
-            self._button_topic = self.lane.subscribe(
-                Bool, topic, self._on_button, DEMAND_QOS
-            ).topic_name
+            self._button = ButtonTopic(
+                self,
+                self.values['reset_topic'],
+                stopped=lambda: self._last_state is State.STOPPED,
+                stopped_at=lambda: max(self._arbiter.transition.at, self._arbiter.clear_since),
+                reset=self._reset,
+                refuse=self._refuse_reset,
+            )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
         self.lane.every(1.0 / self.values['status_rate'], self._publish_status)
-        self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.lane.every(_DIAGNOSTICS_PERIOD, lambda now: self._diagnose(self._status_message(now)))
         self.lane.start()
 
     def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> Repeated:
@@ -127,7 +126,7 @@ class SafetyMux(ManagedNode):
         if result != TransitionCallbackReturn.SUCCESS:
             return result
         self.active = True
-        self.lane.post(self._let_go)
+        self.lane.post(lambda: self._hold(clock.now()))
         return super().on_activate(state)
 
     def leave(self) -> None:
@@ -143,9 +142,6 @@ class SafetyMux(ManagedNode):
         """Build all anew if a parameter is another one now."""
         if self.values != self._built_from:
             self.lane.call(self._rebuild)
-
-    def _let_go(self) -> None:
-        self._hold(clock.now())
 
     def _stop(self) -> None:
         now = clock.now()
@@ -225,34 +221,10 @@ class SafetyMux(ManagedNode):
         if name in self._gated_joys:
             self._gated_joys[name].hear(message)
 
-    def _on_button(self, message: Any, info: Any) -> None:
-        assert self._button is not None
-        now = clock.now()
-        trouble = self._button_trouble(info['publication_sequence_number'], now)
-        why_not = self._button.hear(message.data, now, trouble)
-        if why_not is None:
-            return
-        stopped_at = max(self._arbiter.status(now).last_transition.at, self._arbiter.clear_since)
-        if stopped_at > self._button.free_at:
-            why_not = why_not or _EARLY  # it may have come between two messages
-        if why_not and self._last_state is State.STOPPED:
-            self._refused_reset = now, f'not reset: the reset button {why_not}'
-        else:
-            self._reset()  # also with nothing to reset: by that a script shows itself
-
-    def _button_trouble(self, sequence_number: int, now: float) -> str:
-        """Return why a press does not count at this moment; empty if it does."""
-        lost = self._button_watch.heard(sequence_number, now)
-        if self._button_watch.doubled(now):
-            return 'has two live publishers: stop one of them'
-        if lost or not self._button_watch.settled(now):
-            return 'has lost messages, or a new publisher'
-        return '' if self._last_state is State.STOPPED else _EARLY
-
     def _look_around(self, now: float) -> None:
         """Find who publishes the inputs and the outputs, and who listens to the commands."""
         if self._button is not None:
-            self._button_watch.counted(self.count_publishers(self._button_topic))
+            self._button.look_around()
         self._inputs.look_around(now)
         self._outputs.look_around()
         self._unheard = unheard(self._words.topic, listeners_of(self, self._command.topic_name))
@@ -266,16 +238,20 @@ class SafetyMux(ManagedNode):
     def _hold(self, now: float) -> None:
         """Be STOPPED while inactive, and while somebody else says what drives obey."""
         doubled = self._outputs.doubled(now)
-        reason = f'stop the other publisher of {doubled}: a second mux?'
-        self._arbiter.hold(_INACTIVE if not self.active else reason if doubled else None)
+        reason = f'stop the other publisher of {doubled}: a second mux?' if doubled else None
+        self._arbiter.hold(reason if self.active else _INACTIVE)
 
     # What is asked, on the lane.
 
     def _reset(self, late: bool = False) -> Reply:
         now = clock.now()
         reply = self._arbiter.reset(now, FROZEN if late else '')
-        self._refused_reset = None if reply.ok else (now, reply.message)
+        self._refuse_reset(now, '' if reply.ok else reply.message)
         return reply
+
+    def _refuse_reset(self, now: float, why: str) -> None:
+        """Note why the last reset did not count; empty: it did."""
+        self._refused_reset = (now, why) if why else None
 
     def _trip(self) -> Reply:
         return self._done(self._arbiter.trip)
@@ -359,11 +335,7 @@ class SafetyMux(ManagedNode):
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
-            old_stamps={
-                name: watch.warning
-                for name, watch in self._intake.stamps.items()
-                if watch.warning is not None
-            },
+            old_stamps=self._intake.old_stamps,
             refused_reset=self._refused_reset,
         )
         said = report_of(self._arbiter.status(now), around, now)

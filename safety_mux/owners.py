@@ -8,14 +8,8 @@ import math
 
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import Input
-from safety_mux.protocol import (
-    AUTONOMY,
-    Autonomy,
-    Demand,
-    milliseconds,
-    Operator,
-    OperatorSample,
-)
+from safety_mux.protocol import AUTONOMY, Demand, milliseconds, OperatorSample
+from safety_mux.settings import Autonomy, Operator
 
 
 class Run:

@@ -3,7 +3,8 @@
 
 """What the arbiter remembers of resets and trips: which call counts, and what a trip asks for."""
 
-from safety_mux.protocol import milliseconds, MuxConfig, Reply
+from safety_mux.protocol import milliseconds, Reply
+from safety_mux.settings import MuxConfig
 
 
 class ResetCalls:

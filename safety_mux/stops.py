@@ -9,8 +9,9 @@ from safety_mux.all_inputs import Inputs
 from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import SourceInput
 from safety_mux.owners import OwnerInput
-from safety_mux.protocol import Limiter, milliseconds, MuxConfig, Stop
+from safety_mux.protocol import Limiter, milliseconds, Stop
 from safety_mux.resets import Trip
+from safety_mux.settings import MuxConfig
 
 
 class Stops(Inputs):

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, String, UInt16MultiArray
+from std_msgs.msg import String, UInt16MultiArray
 
-from bridge_core.input_guard import COMMAND_QOS, STOP_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -93,15 +92,9 @@ class SscBridge(BridgeNode[Event]):
         self._aux_inputs = self.create_publisher(DiagnosticStatus, '~/aux_inputs', 10)
         self._sources = self.create_publisher(DiagnosticStatus, '~/channel_sources', latched_qos())
         # What comes first here is read first.
-        self.watched_subscription(
-            Bool, '~/estop_in', self._on_estop_in, STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
-        self.watched_subscription(
-            UInt16MultiArray, '~/pulse_command', self._on_pulse_command, COMMAND_QOS
-        )
-        self.watched_subscription(
-            JointState, '~/servo_command', self._on_servo_command, COMMAND_QOS
-        )
+        self.stop_input('~/estop_in', self._on_estop_in)
+        self.command_input(UInt16MultiArray, '~/pulse_command', self._on_pulse_command)
+        self.command_input(JointState, '~/servo_command', self._on_servo_command)
         self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
 
     def forget_device(self) -> None:

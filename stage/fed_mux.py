@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -13,8 +14,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
 from bridge_core import clock
+from safety_mux.arbiter import Arbiter
+from safety_mux.intake import Listened
 from safety_mux.node import SafetyMux
-from safety_mux.protocol import State
+from safety_mux.outputs import GatedJoy
+from safety_mux.protocol import Reply, State
 from stage.mux_talkers import patient, sticks
 from stage.rig import wait_for
 from stage.talkers import namespace, values_of
@@ -46,6 +50,20 @@ class FedMux:
             if message is not None and each.take(message, now):
                 self.mux._decide(now)
 
+    @property
+    def arbiter(self) -> Arbiter:
+        return self.mux._arbiter
+
+    def reset(self) -> Reply:
+        return self.mux._reset()
+
+    def topic(self, parameter: str) -> Listened:
+        """Return the input that this parameter names the topic of."""
+        return next(each for each in self.mux._intake.topics() if each.parameter == parameter)
+
+    def gate(self, operator: str) -> GatedJoy:
+        return self.mux._gated_joys[operator]
+
     def state(self) -> State:
         return self.mux.lane.call(lambda: self.mux._last_state)  # type: ignore[no-any-return]
 
@@ -63,7 +81,7 @@ class FedMux:
         """From STOPPED to ACTIVE, as an operator has to."""
         self.joy = sticks()
         wait_for(self.may_reset, what='all clear')
-        assert self.mux.lane.call(self.mux._reset).ok
+        assert self.mux.lane.call(self.reset).ok
         wait_for(lambda: 'rested' in self.status().conditions.values(), what='a rest')
         assert self.state() is State.READY
         self.joy = sticks(0.5, deadman=True)
@@ -90,6 +108,13 @@ class SteppedMux(FedMux):
         assert self.mux._last_state is not None
         return self.mux._last_state
 
+    def look_around(self) -> None:
+        self.mux._look_around(self.now)
+
+    def decide(self) -> None:
+        """Decide at once, as after a stop that has arrived."""
+        self.mux._decide(self.now)
+
     def says(self, node: str, level: bytes, message: str) -> None:
         """Have a node beside the mux say this of its device."""
         name = f'{self.mux.get_namespace().lstrip("/")}/{node}: device'
@@ -104,3 +129,6 @@ class SteppedMux(FedMux):
     def message(self) -> str:
         """Return what ~/status says in one line."""
         return str(self.mux._status_message(self.now).message)
+
+
+StepMux = Callable[..., SteppedMux]

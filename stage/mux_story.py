@@ -26,19 +26,8 @@ import re
 
 import pytest
 
-from safety_mux.protocol import (
-    Autonomy,
-    Decision,
-    EStopSource,
-    Feedback,
-    Kind,
-    MuxConfig,
-    Operator,
-    OperatorSample,
-    Reply,
-    SpeedLimit,
-    State,
-)
+from safety_mux.protocol import Decision, Kind, OperatorSample, Reply, State
+from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 from stage.safety_mux_bench import BACK, Bench, DRIVE, HALF, HELD, OFF, REST
 
 ALWAYS, SOFT = EStopSource('always'), EStopSource('soft', stop_category=1)

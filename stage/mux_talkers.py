@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 import time
 from typing import Any
@@ -95,9 +95,8 @@ class MuxBench:
             for source in ('fort', 'drive')
         }
 
-        def talker(kind: Any, topic: str, message: Any) -> Talker:
-            return Talker(observer, kind, f'{self.space}/{topic}', message, rate=rate)
-
+        self._rate, self._talkers = rate, list[Talker]()
+        talker = self.talker
         self.fort_estop = talker(Bool, 'fort_vsc_bridge/estop', Bool(data=False))
         self.fort_own_estop = talker(Bool, 'fort_vsc_bridge/own_estop', Bool(data=False))
         self.drive_estop = talker(Bool, 'esi_drive_bridge/estop', Bool(data=False))
@@ -107,6 +106,13 @@ class MuxBench:
         for service in ('reset', 'trip', 'end_trip'):
             observer.client(Trigger, f'{self.name}/{service}')
         observer.client(SetBool, f'{self.name}/select_autonomy')
+
+    def talker(self, kind: Any, topic: str, message: Any = None, *, qos: Any = 100) -> Talker:
+        """Return what says this on a topic of the mux's namespace, until the bench is closed."""
+        topic = f'{self.space}/{topic}'
+        result = Talker(self.observer, kind, topic, message, rate=self._rate, qos=qos)
+        self._talkers.append(result)
+        return result
 
     def start(self) -> None:
         """Start the mux, or start it again."""
@@ -247,6 +253,8 @@ class MuxBench:
 
     def close(self) -> None:
         self.node.__exit__(None, None, None)
-        estops = self.fort_estop, self.fort_own_estop, self.drive_estop
-        for talker in (*estops, self.drive_enabled, self.joy):
+        for talker in self._talkers:
             talker.leave()
+
+
+NewMux = Callable[..., MuxBench]

@@ -22,7 +22,7 @@ from bridge_core import node, runner, watchdog
 from bridge_core.transports import link, process
 from rugged_teleop.bench import commander, course
 from safety_mux import configuration
-from safety_mux.protocol import MuxConfig
+from safety_mux.settings import MuxConfig
 from stage import patient_wire
 from stage.rig import TIMEOUT_FACTOR
 

@@ -7,16 +7,8 @@ from collections.abc import Callable
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import (
-    Autonomy,
-    Decision,
-    EStopSource,
-    MuxConfig,
-    Operator,
-    OperatorSample,
-    Reply,
-    State,
-)
+from safety_mux.protocol import Decision, OperatorSample, Reply, State
+from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
 
 REST = OperatorSample(neutral=True, deadman=False, demand=(0.0, 0.0))
 OFF = OperatorSample(neutral=False, deadman=False, demand=(1.0, 1.0))

@@ -13,7 +13,6 @@ from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from bridge_core import clock
 from bridge_core.diagnostics import to_msg
-from bridge_core.input_guard import STOP_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
@@ -68,9 +67,7 @@ class Vm110Bridge(BridgeNode[Event]):
         self.create_subscription(
             UInt8MultiArray, '~/send_command', self._on_send_command, _COMMAND_DEPTH
         )
-        self.watched_subscription(
-            Bool, '~/hold_output', self._on_hold_output, STOP_QOS, is_stop=lambda m: bool(m.data)
-        )
+        self.stop_input('~/hold_output', self._on_hold_output)
         self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
 
     def forget_device(self) -> None:

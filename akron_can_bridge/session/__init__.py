@@ -11,7 +11,6 @@ enable input, a motor fault and a foreign joystick are stops where ``estop_on`` 
 from akron_can_bridge.parameters import Cause
 from akron_can_bridge.session.decoder import FILTERS
 from akron_can_bridge.session.events import (
-    AXIS_NAMES,
     DeviceChanged,
     Event,
     FaultsChanged,
@@ -31,7 +30,6 @@ from akron_can_bridge.session.session import Session
 from akron_can_bridge.session.settings import Settings
 
 __all__ = [
-    'AXIS_NAMES',
     'FILTERS',
     'Cause',
     'DeviceChanged',

@@ -95,7 +95,7 @@ class Drive:
         self.said.reset()
         self._revoke = None
 
-    def forget(self) -> None:
+    def forget_inputs(self) -> None:
         """Forget what was heard."""
         self._gate.forget()
         self._is_refused = False

@@ -60,7 +60,7 @@ class Joysticks:
         self._stream = StickStream()
         self._held = HeldButtons(JOYSTICK_TIMEOUT)
 
-    def forget(self) -> None:
+    def forget_senders(self) -> None:
         """Forget all that was heard."""
         self._heard.clear()
         self._deflected.clear()
@@ -69,12 +69,12 @@ class Joysticks:
         self._extended_heard.reset()
         self.faulty = ()
 
-    def hear(self, frame: CanFrame, source: int, now: float) -> None:
+    def hear_sender(self, frame: CanFrame, source: int, now: float) -> None:
         """Note a sender, be its data sound or not: a unit may be less strict than we are."""
         if source in JOYSTICK_ADDRESSES:
             self._heard[source] = (now, frame)
 
-    def take(
+    def hear_sticks(
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
     ) -> list[Sticks]:
         """Take a sound frame; return what to report of it. A unit obeys no other addresses."""

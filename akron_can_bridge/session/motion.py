@@ -34,7 +34,7 @@ class Motion:
         self._stepped_at = -math.inf
         self._degrees: list[float | None] = [None, None]  # at the last step of each
 
-    def take(self, message: PositionLimit, now: float) -> None:
+    def hear_angles(self, message: PositionLimit, now: float) -> None:
         """Take a type 01. One step is no motion yet: zeroing looks like that."""
         angles = [position.degrees for position in (message.rotation, message.elevation)]
         for place, degrees in enumerate(angles):
@@ -69,7 +69,7 @@ class Motion:
             return 'oscillates'
         return 'moves' if self.moving(now) else ''
 
-    def forget(self) -> None:
+    def forget_angles(self) -> None:
         """Forget what was reported."""
         self.began_at = self._stepped_at = -math.inf
         self._degrees = [None, None]
@@ -139,7 +139,7 @@ class Oscillation:
         """Note that our command asks for it now."""
         self._asked_until = now + self._patience
 
-    def take(self, message: RotationSoftLimits, now: float) -> None:
+    def hear_limits(self, message: RotationSoftLimits, now: float) -> None:
         """Take a type 81."""
         runs = bool(message.oscillating)
         self.is_doubted |= runs and now >= self._pressed_at + self._patience
@@ -153,7 +153,7 @@ class Oscillation:
         """Note that it is paused now; once for each that began."""
         self.is_ours, self._pressed_at = False, now
 
-    def forget(self) -> None:
+    def disown(self) -> None:
         """Have the present one be somebody else's."""
         self.is_ours = self._stood = False
         self._asked_until, self._pressed_at = -math.inf, math.inf

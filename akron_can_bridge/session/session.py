@@ -156,11 +156,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self._in_setup |= self._asker.is_open(Request.ENTER_SETUP)
         self._reported.pop(Handover, None)  # what was reported may be lost, too
         self._emit_all(self._asker.drop(reason))
-        self.drive.forget()
-        self.unit.forget()
-        self.motion.forget()
-        self.oscillation.forget()
-        self.joysticks.forget()
+        self.drive.forget_inputs()
+        self.unit.forget_state()
+        self.motion.forget_angles()
+        self.oscillation.disown()
+        self.joysticks.forget_senders()
         if self._open:
             self._begin(now)
         else:
@@ -170,9 +170,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _take(self, message: Received, now: float) -> None:
         frame, sender, content = message
         if sender.pgn in JOYSTICK_PGNS:
-            self.joysticks.hear(frame, sender.source, now)
+            self.joysticks.hear_sender(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
-            self._emit_all(self.joysticks.take(content, sender.source, now))
+            self._emit_all(self.joysticks.hear_sticks(content, sender.source, now))
         elif isinstance(content, protocol.Name):
             self._unit_changed(self.finder.claimed(sender.source, content, now))
         elif isinstance(content, protocol.FieldRequest):
@@ -200,7 +200,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def _follow(self, now: float) -> None:
         if self.link_up != self._was_up:
             self.demand.withhold()  # be it a stop or not
-            self.oscillation.forget()
+            self.oscillation.disown()
             if not self.link_up:
                 self.unit.lost()
             elif not self.unit.versions_known:
@@ -216,7 +216,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
             # What may explain an oscillation, or may have paused it, beside the unit's controls.
             others = self.joysticks.present(now) or not self.finder.alone
             if others or (self.drive.pushes and not self.drive.oscillates):
-                self.oscillation.forget()
+                self.oscillation.disown()
         self.demand.follow(now, stopped=bool(self.drive.forbidden(now, self._holds())))
         if reasons := self.drive.watch(now, self._holds()):
             self._emit(events.Stopped(reasons))
@@ -341,11 +341,11 @@ class Session(BaseSession[CanFrame, Received, Event]):
         """
         if not self.settings.pause_on_stop:
             return
-        self.oscillation.take(message, now)
+        self.oscillation.hear_limits(message, now)
         if not (self.oscillation.is_ours and self.drive.forbidden(now, self._holds())):
             return
         if self._busy() or not self.motion.moving(now):
-            self.oscillation.forget()
+            self.oscillation.disown()
             return
         self.oscillation.is_ours = False  # there is one try
         self.drive.pause(now)
@@ -407,13 +407,13 @@ class Session(BaseSession[CanFrame, Received, Event]):
         elif isinstance(message, protocol.DigitalInputs) or (
             isinstance(message, protocol.MiniOutputs) and self.settings.unit_type != MINI_UNIVERSAL
         ):
-            self.unit.take(message, now, neighbour=source)
+            self.unit.keep(message, now, neighbour=source)
 
     def _take_status(self, message: protocol.Message, now: float) -> None:
         """Take what our unit says."""
-        self.unit.take(message, now)
+        self.unit.keep(message, now)
         if isinstance(message, protocol.PositionLimit):
-            self.motion.take(message, now)
+            self.motion.hear_angles(message, now)
             self._emit(events.Positions(message.rotation.radians, message.elevation.radians))
         elif isinstance(message, protocol.RotationSoftLimits):
             self._take_oscillation(message, now)

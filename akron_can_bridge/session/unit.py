@@ -51,7 +51,7 @@ class _Broadcast:
         self._message: Message | None = None
         self._neighbour: int | None = None
 
-    def take(self, message: Message, now: float, neighbour: int | None) -> None:
+    def keep(self, message: Message, now: float, neighbour: int | None) -> None:
         """Keep the message; of neighbours, that of the first while it is fresh."""
         if neighbour not in (None, self._neighbour) and self.get(now):
             return
@@ -79,11 +79,11 @@ class Unit:
         self._in_error = False  # type 01 says operational error
         self._faults_at = -math.inf  # when they were asked for or told
 
-    def take(self, message: Message, now: float, *, neighbour: int | None = None) -> None:
+    def keep(self, message: Message, now: float, *, neighbour: int | None = None) -> None:
         """Keep what a message says. :param neighbour: its sender, where that is not the unit."""
         kind = type(message)
         if kind in self._broadcasts:
-            self._broadcasts[kind].take(message, now, neighbour)
+            self._broadcasts[kind].keep(message, now, neighbour)
         elif kind in _KEPT:
             self._kept[kind] = message
         if isinstance(message, FaultStatus):
@@ -161,7 +161,7 @@ class Unit:
         for kind in (VistaData, VistaPosition):
             self._kept.pop(kind, None)
 
-    def forget(self) -> None:
+    def forget_state(self) -> None:
         """Forget all but its versions."""
         self.lost()
         for each in self._broadcasts.values():

@@ -58,7 +58,7 @@ class Claim:
         """Tell whether the address is ours to use."""
         return self.address != NULL_ADDRESS and now >= self._ready_at
 
-    def take(self, source: int, name: bytes, now: float) -> None:
+    def hear(self, source: int, name: bytes, now: float) -> None:
         """Hear another device claim an address; it leaves the one that it had."""
         if name == self.name.data:
             return  # a twin or an echo: no rule says who yields, and both would, without end

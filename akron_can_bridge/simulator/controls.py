@@ -62,7 +62,7 @@ class Controls:
             if now - source.heard >= JOYSTICK_TIMEOUT:
                 source.clear()
 
-    def forget(self) -> None:
+    def forget_sources(self) -> None:
         """Know of nobody, as after a restart."""
         self.sources.clear()
 

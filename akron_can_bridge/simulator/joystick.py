@@ -60,7 +60,7 @@ class JoystickSimulator:
         self._start(now)
         form, specific = frame.identifier >> 16 & 0x3FF, frame.identifier >> 8 & 0xFF
         if form == 0xEE and len(frame.data) == 8:
-            self.claim.take(frame.identifier & 0xFF, frame.data, now)
+            self.claim.hear(frame.identifier & 0xFF, frame.data, now)
         elif form == 0xEA and specific in (0xFF, self.address) and frame.data == b'\0\xee\0':
             self.claim.answer(now)
 

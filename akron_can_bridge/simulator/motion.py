@@ -88,7 +88,7 @@ class Motion:
 
     def reset(self) -> None:
         """Forget what does not outlive a restart."""
-        self.controls.forget()
+        self.controls.forget_sources()
         self.setup = False
         self.point_aim = False
         self.stowed = False

@@ -112,7 +112,7 @@ class Simulator:
             self.received['foreign'] += 1
         elif form == 0xEE and len(data) == 8:
             self.received['name'] += 1
-            self.claim.take(source, data, now)
+            self.claim.hear(source, data, now)
         elif form == 0xEA and specific in (0xFF, self.address):
             self._take_field_request(data)
         elif form == 0xFD and specific in (0xD6, 0xD7) and source in ADDRESSES:

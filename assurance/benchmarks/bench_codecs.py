@@ -22,7 +22,7 @@ from fort_vsc_bridge import protocol as fort
 from fort_vsc_bridge.protocol.can import BasicJoystick as FortBasicJoystick
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import EStopSource, MuxConfig, Operator
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 
 DBC = Path(__file__).resolve().parents[2] / 'dbc' / 'akron_brass_6000.dbc'
 CHUNK = 50  # frames a read

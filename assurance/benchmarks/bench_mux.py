@@ -8,7 +8,8 @@ from time import perf_counter
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import Autonomy, EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
 
 PERIOD = 0.01  # s between decisions; messages come at a fifth of that rate
 DECISIONS = 5

@@ -27,7 +27,8 @@ from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Session
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 from stage.esi_drive_rig import axes, fields, IDLE, make_settings, RUNNING, status
 
 pytestmark = pytest.mark.computes

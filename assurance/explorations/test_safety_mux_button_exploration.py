@@ -31,8 +31,9 @@ from safety_mux import button
 from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.node import SafetyMux
-from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.listening import ButtonTopic
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 
 pytestmark = pytest.mark.computes
 STALE, LONGEST = 2 * STEP, 4 * STEP  # of the button's messages, of a press
@@ -55,17 +56,26 @@ CONFIG = MuxConfig(
 class Mux:
     """What of the mux hears the button."""
 
-    hear_button = SafetyMux._on_button
-    _button_trouble = SafetyMux._button_trouble
+    hear_button = ButtonTopic.on_message
+    _trouble = ButtonTopic._trouble
 
     def __init__(self, world: World) -> None:
         self.world = world
         self._button = ResetButton()
         self._button._watchdog.timeout = STALE
-        self._button_watch = PublisherWatch(WINDOW, SETTLING)
+        self._watch = PublisherWatch(WINDOW, SETTLING)
         self._arbiter = world.arbiter
         self._last_state = State.STOPPED
         self._refused_reset: Any = None
+
+    def _stopped(self) -> bool:
+        return self._last_state is State.STOPPED
+
+    def _stopped_at(self) -> float:
+        return max(self._arbiter.transition.at, self._arbiter.clear_since)
+
+    def _refuse(self, now: float, why: str) -> None:
+        self._refused_reset = now, why
 
     def _reset(self) -> None:
         was = self._arbiter.state
@@ -148,7 +158,7 @@ class World(Remembered):
             self.wrong_at = self.now
         self.mux._last_state = decision.state
         self.changed_at = self.arbiter.transition.at
-        self.mux._button_watch.counted(1)
+        self.mux._watch.counted(1)
 
     def hear(self, said: str, number: int) -> None:
         """Have the mux hear a message, and judge what comes of it."""
@@ -187,7 +197,7 @@ class World(Remembered):
             self.wrong_at = self.now if self.said == 'up' else self.pressed_at
         if self.changed_at <= since or stale:
             self.changed_at = -math.inf
-        watch, more = self.mux._button_watch, FAR - self.number
+        watch, more = self.mux._watch, FAR - self.number
         self.number = FAR
         watch._last = self.counted_anew(watch._last, more)
         watch._former = self.counted_anew(watch._former, more)

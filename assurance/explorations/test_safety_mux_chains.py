@@ -22,7 +22,8 @@ from assurance.explorer import check, explore
 from safety_mux.arbiter import Arbiter
 from safety_mux.inputs import SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import Decision, EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import Decision, OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 
 STEP = 0.125
 TIMEOUT = 1.5 * STEP

@@ -24,18 +24,8 @@ from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import DriveInput, SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.owners import AutonomyInput, OperatorInput, OwnerInput
-from safety_mux.protocol import (
-    Autonomy,
-    Decision,
-    Demand,
-    EStopSource,
-    Feedback,
-    MuxConfig,
-    Operator,
-    OperatorSample,
-    Reply,
-    State,
-)
+from safety_mux.protocol import Decision, Demand, OperatorSample, Reply, State
+from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator
 
 pytestmark = pytest.mark.computes
 STEP = 0.125

@@ -44,15 +44,8 @@ from fort_vsc_bridge.session import Session as FortSession, Settings as FortSett
 from safety_mux.button import Presses
 from safety_mux.intake import Intake
 from safety_mux.mapping import forward_and_turn, JoyMapping, NamedJoints, Stick
-from safety_mux.protocol import (
-    Autonomy,
-    EStopSource,
-    Feedback,
-    MuxConfig,
-    Operator,
-    SpeedLimit,
-    State,
-)
+from safety_mux.protocol import State
+from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 from safety_mux.stamps import StampWatch
 from ssc_bridge.node import SscBridge
 from ssc_bridge.session import Session as SscSession, Settings as SscSettings

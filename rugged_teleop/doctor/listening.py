@@ -173,6 +173,7 @@ def listen(
                 now = clock.now()
                 for frame in session.poll(now)[1]:
                     send(frame)
+                    session.sent(frame, now)
                 left = max(0.0, min(left, session.deadline() - now))
             ready([port.fileno()], left)
             for chunk in port.receive():

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import importlib
 from typing import Any
 
@@ -126,14 +126,19 @@ def _held_up(name: str, said: Sequence[Said], span: Difference) -> str:
 def _course(
     session: Any, pieces: Sequence[Piece], until: float
 ) -> Iterator[tuple[float, Verdict]]:
-    """Yield the session's verdict whenever it had something to do."""
+    """Yield the session's verdict whenever it had something to do. The line takes all frames."""
     now = pieces[0].at or 0.0
-    session.opened(now)
+
+    def send(frames: Iterable[Any]) -> None:
+        for frame in frames:
+            session.sent(frame, now)
+
+    send(session.opened(now)[1])
     for piece in (*pieces, None):
         end = until if piece is None or piece.at is None else piece.at
         while session.deadline() <= end and now + _STEP <= end:
             now = max(now + _STEP, session.deadline())
-            _poll(session, now)
+            send(session.poll(now)[1])
             yield now, session.verdict
         if piece is not None:
             now = max(now, end)
@@ -142,14 +147,8 @@ def _course(
                 data = CanFrame(piece.identifier, piece.data)
             events, _ = session.receive(data, now)
             yield from ((now, e.verdict) for e in events if isinstance(e, StopChanged))
-            _poll(session, now)
+            send(session.poll(now)[1])
             yield now, session.verdict
-
-
-def _poll(session: Any, now: float) -> None:
-    """Poll, and let the line take all that is due."""
-    for frame in session.poll(now)[1]:
-        session.sent(frame, now)
 
 
 def _settled(recorded: Track, replayed: Track, tolerance: float) -> float:

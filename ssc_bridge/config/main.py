@@ -27,7 +27,7 @@ from bridge_core.transports import TransportError
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.waiting import ready
 from ssc_bridge.config.image import compare, Field, Image, ImageError
-from ssc_bridge.config.menus import Dialogue, MenuError
+from ssc_bridge.config.menus import Dialogue, MenuError, Script
 from ssc_bridge.config.scripts import Maintenance, Standing
 from ssc_bridge.protocol import BAUD
 
@@ -109,26 +109,24 @@ class Interrupts:
         self.count += 1
 
 
-def converse(port: str, dialogue: Dialogue) -> Image:
+def converse(port: str, unit: Maintenance, script: Script[Image]) -> None:
     """
-    Carry a dialogue out over a port; a second interrupt ends it at once.
+    Carry a script out over a port; a second interrupt ends it at once.
 
-    :raises TransportError: the port failed. :raises MenuError: the unit did, or the user.
+    :raises Failure: the port failed, or the unit did, or the user ended it.
     """
-    transport = SerialTransport(port, BAUD)
+    transport, dialogue = SerialTransport(port, BAUD), Dialogue(script)
     try:
         transport.open()
-    except TransportError as error:  # it speaks to a node's user
-        raise TransportError(str(error).replace('the parameter port', '--port')) from error
-    try:
         with Interrupts() as interrupts:
             _pump(transport, dialogue, interrupts)
+        if dialogue.error is not None:
+            raise dialogue.error
+    except (MenuError, TransportError) as error:
+        text = str(error).replace('the parameter port', '--port')  # it speaks to a node's user
+        raise Failure(status_of(unit), f'{text}. {unit.how_it_stands}') from error
     finally:
         transport.close()
-    if dialogue.error is not None:
-        raise dialogue.error
-    assert dialogue.result is not None, 'it has ended without an error'
-    return dialogue.result
 
 
 def _pump(transport: SerialTransport, dialogue: Dialogue, interrupts: Interrupts) -> None:
@@ -177,9 +175,7 @@ def dump(options: argparse.Namespace) -> Exit:
     check_target(options.file, options.force)
     unit = Maintenance()
     try:
-        converse(options.port, Dialogue(unit.dump()))
-    except (MenuError, TransportError) as error:
-        raise Failure(status_of(unit), f'{error}. {unit.how_it_stands}') from error
+        converse(options.port, unit, unit.dump())
     finally:  # leaving the menus may fail after it was read soundly
         if unit.image is not None:
             store(unit.image, options.file)
@@ -192,10 +188,7 @@ def restore(options: argparse.Namespace) -> Exit:
     image = load(options.file)
     introduce(image, options.file)
     unit = Maintenance()
-    try:
-        converse(options.port, Dialogue(unit.restore(image)))
-    except (MenuError, TransportError) as error:
-        raise Failure(status_of(unit), f'{error}. {unit.how_it_stands}') from error
+    converse(options.port, unit, unit.restore(image))
     say(unit.how_it_stands)
     return Exit.DONE
 
@@ -226,15 +219,10 @@ def compare_files(options: argparse.Namespace) -> Exit:
 
 def introduce(image: Image, path: Path) -> None:
     """Print what is known of a file's image in short, and what is wrong with it."""
-    say(f'{path}: {summary(image)}')
+    layout = '' if image.has_known_layout else '; of this size only the check is known'
+    say(f'{path}: {len(image.data)} bytes, check {image.data[-2:].hex().upper()} right{layout}')
     for warning in image.warnings:
         say(f'warning: {warning}')
-
-
-def summary(image: Image) -> str:
-    """Return size and check of an image, in a line."""
-    layout = '' if image.has_known_layout else '; of this size only the check is known'
-    return f'{len(image.data)} bytes, check {image.data[-2:].hex().upper()} right{layout}'
 
 
 def table(image: Image) -> list[str]:

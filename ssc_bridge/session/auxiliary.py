@@ -55,8 +55,8 @@ class AuxInputTotals:
         if functions != tuple(channel.function for channel in self._channels):
             self._channels = tuple(AuxChannel(function, False) for function in functions)
 
-    def take(self, message: AuxInputs) -> tuple[AuxChannel, ...]:
-        """Return the channels' state; the message must fit the configuration."""
+    def add(self, message: AuxInputs) -> tuple[AuxChannel, ...]:
+        """Add what a message has counted, which fits the configuration; return all channels."""
         rows = zip(self._channels, message.levels, message.measurements, strict=True)
         self._channels = tuple(_after(*row) for row in rows)
         return self._channels

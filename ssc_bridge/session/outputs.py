@@ -133,11 +133,12 @@ class Outputs:
         What was sent before it went, by this process or one before it, must not stay in force.
         """
         self._releases = self._release_frames if self._in_use else 0
+        self._looks_until = None
         if self._urgent:  # a failsafe waits for nothing that the device might tell
-            self._pacer.start(now)
             return
         is_sought = any(channel.is_sought for channel in self._channels)
-        self._looks_until = now + _LOOK_FIRST if is_sought else None
+        if is_sought:
+            self._looks_until = now + _LOOK_FIRST
         self._pacer.start(now + (_LOOK_LONGEST if is_sought else _LOOK_FIRST))
 
     def claim(self) -> None:
@@ -145,10 +146,8 @@ class Outputs:
         self._in_use, self._releases = True, self._release_frames
 
     def end(self) -> None:
-        """Send no more: the port is closed."""
-        self.forget()
+        """Send no more: the port is closed, and all commands are forgotten."""
         self._pacer.stop()
-        self._looks_until = None
         self._urgent = False
 
     def ask(self, number: int, us: float, now: float) -> None:
@@ -156,7 +155,7 @@ class Outputs:
         self.limited += self._channels[number - 1].ask(us, now)
         self._in_use = True
 
-    def forget(self) -> list[str]:
+    def forget_commands(self) -> list[str]:
         """Forget all commands: every output goes to its failsafe; return who was commanded."""
         return self._drop([channel for channel in self._channels if channel.command.heard])
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
@@ -259,7 +259,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._emit(PulsesOut(message.us))
         elif isinstance(message, AuxInputs):
             self._aux_outputs.seen(message.levels)
-            self._emit(AuxReading(self._aux_inputs.take(message)))
+            self._emit(AuxReading(self._aux_inputs.add(message)))
         else:
             self.selections = message.selections
 
@@ -341,12 +341,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
         :raises ValueError: for other numbers, none, or more than there are outputs.
         """
-        self._expire(now)
-        try:
-            self._command(dict(enumerate(PulseCommand(tuple(us)).us, 1)), now)
-        except ValueError as error:
-            self.refuse_command(str(error), now)
-            raise
+        self._command(lambda: dict(enumerate(PulseCommand(tuple(us)).us, 1)), now)
 
     def set_servos(self, positions: Mapping[str, float], now: float) -> None:
         """
@@ -354,12 +349,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
         :raises ValueError: for an unknown servo, one without an output, or another number.
         """
-        self._expire(now)
-        try:
-            self._command(dict(self._pulse_of(*each) for each in positions.items()), now)
-        except ValueError as error:
-            self.refuse_command(str(error), now)
-            raise
+        self._command(lambda: dict(self._pulse_of(*each) for each in positions.items()), now)
 
     def claim_outputs(self, now: float) -> None:
         """Bring all outputs to their failsafe: a session before this one may have driven them."""
@@ -377,7 +367,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Note a command that makes no sense: from now on there is no fresh one."""
         self._expire(now)
         self.refused_commands += 1
-        self._begin_failsafe(self.outputs.forget(), [f'command refused: {reason}'])
+        self._begin_failsafe(self.outputs.forget_commands(), [f'command refused: {reason}'])
 
     def set_aux(self, requests: Sequence[AuxRequest], now: float) -> None:
         """Set auxiliary outputs at once. :raises ValueError: cannot be, or a stop; none is set."""
@@ -408,15 +398,24 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             raise ValueError(f'{name}: {position} is not within -1 to 1')
         return servo.channel, servo.pulse(position)  # its limits hold in Outputs
 
-    def _command(self, us: Mapping[int, float], now: float) -> None:
-        """Command outputs by number. :raises ValueError: none, or one that is not there."""
-        if not us:
-            raise ValueError('nothing is commanded')
-        self.is_commanded = True
-        known = self.configuration
-        most = MAX_OUTPUTS if known is None else known.outputs
-        if max(us) > most:
-            raise ValueError(f'output {max(us)}: there are {most}')
+    def _command(self, us_of: Callable[[], Mapping[int, float]], now: float) -> None:
+        """
+        Command outputs by number.
+
+        :param us_of: returns µs. :raises ValueError: it does, or there is none, or no such output.
+        """
+        self._expire(now)
+        try:
+            us = us_of()
+            if not us:
+                raise ValueError('nothing is commanded')
+            self.is_commanded = True
+            most = self.configuration.outputs if self.configuration else MAX_OUTPUTS
+            if max(us) > most:
+                raise ValueError(f'output {max(us)}: there are {most}')
+        except ValueError as error:
+            self.refuse_command(str(error), now)
+            raise
         if self.gate.is_open:
             for number, pulse in us.items():
                 self.outputs.ask(number, pulse, now)
@@ -430,7 +429,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def _stop(self, reasons: Sequence[str], now: float) -> None:
         """Have every output at its failsafe, if there are reasons; what was asked is forgotten."""
         if reasons:
-            self._begin_failsafe(self.outputs.forget(), reasons)
+            self._begin_failsafe(self.outputs.forget_commands(), reasons)
             if not self.settings.keep_aux_outputs:
                 self._aux_outputs.stop(now)
 

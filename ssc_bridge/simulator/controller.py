@@ -43,6 +43,11 @@ def _decode(frame: bytes) -> tuple[int, bytes]:
 _FORMAT = FrameFormat(b'\x81\xa1', 4, 261, lambda head: head[3] + 6, _decode)  # ID and payload
 
 
+def _switch(name: str) -> Callable[[Any, str], None]:
+    """Return what sets an attribute by on or off."""
+    return lambda simulator, value: setattr(simulator, name, switch(value))
+
+
 class Simulator:
     """
     An SSC, its receiver on: the command channel at 1 ms, all sticks centred.
@@ -313,12 +318,6 @@ class Simulator:
         place = int(within(number, 1, 16)) - 1
         self.channels[place] = None if pulse == 'off' else int(within(pulse, 0, 32767))
 
-    def _set_receiver(self, value: str) -> None:
-        self.receiver = switch(value)
-
-    def _set_link(self, value: str) -> None:
-        self.link = switch(value)
-
     def _set_pin(self, number: str, value: str) -> None:
         self._aux(number).level = switch(value)
 
@@ -329,9 +328,6 @@ class Simulator:
 
     def _add_pulses(self, number: str, count: str) -> None:
         self._aux(number).add(int(within(count, 0, 1e6)))
-
-    def _set_mute(self, value: str) -> None:
-        self.mute = switch(value)
 
     def _set_memory(self, state: str) -> None:
         one_of({'erased': 0, 'worn': 0, 'sound': 0}, state)
@@ -346,12 +342,12 @@ class Simulator:
     # Words: usage, and what obeys.
     commands: dict[str, tuple[str, Callable[..., None]]] = {
         'channel': ('1..16 US|off', _set_channel),
-        'receiver': ('on|off', _set_receiver),
-        'link': ('on|off', _set_link),
+        'receiver': ('on|off', _switch('receiver')),
+        'link': ('on|off', _switch('link')),
         'pin': ('AUX on|off', _set_pin),
         'signal': ('AUX HIGH_US LOW_US', _set_signal),
         'pulses': ('AUX COUNT', _add_pulses),
-        'mute': ('on|off', _set_mute),
+        'mute': ('on|off', _switch('mute')),
         'memory': ('erased|worn|sound', _set_memory),
         'reboot': ('', reboot),
     }

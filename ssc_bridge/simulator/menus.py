@@ -89,34 +89,36 @@ class Menus:
 
     def main(self) -> Menu[None]:
         """The main menu; ends with X."""
-        pages: dict[str, Callable[[], Menu[None]]] = {
-            '1': self._io,
-            '2': self._table,
-            '3': self._rates,
-            '4': self._primary,
-            '5': self._lockout,
-            'C': self._config,
-        }
         while (key := (yield _page(MAIN))) != 'X':
+            table = _TableView()
+            pages: dict[str, tuple[Page, Act]] = {
+                '1': (_io_text, _set_io),
+                '2': (table.text, table.act),
+                '3': (_rates_text, _set_rate),
+                '4': (_primary_text, _set_primary),
+                '5': (_lockout_text, _set_lockout),
+            }
             if key in pages:
-                yield from pages[key]()
+                yield from self._edit(*pages[key])
+            elif key == 'C':
+                yield from self._config()
 
     # -- 3.1 -------------------------------------------------------------------------------------
 
     def _config(self) -> Menu[None]:
         memory = self.memory
+        acts = {
+            'S': (memory.save, 'Saved'),
+            'L': (memory.reload, 'Reloaded'),
+            'E': (memory.erase, 'Erased'),
+        }
         note = ''
         while (key := (yield CLEAR + note + _lines(CONFIG) + _SELECT)) != '0':
             note = ''
-            if key == 'S':
-                memory.save()
-                note = 'Saved.\r\n'
-            elif key == 'L':
-                memory.reload()
-                note = 'Reloaded.\r\n'
-            elif key == 'E':
-                memory.erase()
-                note = 'Erased.\r\n'
+            if key in acts:
+                act, done = acts[key]
+                act()
+                note = f'{done}.\r\n'
             elif key == 'D':
                 note = yield from self._tell(_lines('\n'.join((START, *memory.lines(), END, ''))))
             elif key == 'I':
@@ -157,22 +159,6 @@ class Menus:
             with contextlib.suppress(_Previous):
                 yield from act(now, key)
                 self.memory.working = now.to_image()
-
-    def _io(self) -> Menu[None]:
-        return self._edit(_io_text, _set_io)
-
-    def _table(self) -> Menu[None]:
-        view = _TableView()
-        return self._edit(view.text, view.act)
-
-    def _rates(self) -> Menu[None]:
-        return self._edit(_rates_text, _set_rate)
-
-    def _primary(self) -> Menu[None]:
-        return self._edit(_primary_text, _set_primary)
-
-    def _lockout(self) -> Menu[None]:
-        return self._edit(_lockout_text, _set_lockout)
 
 
 def _lines(text: str) -> str:

@@ -280,27 +280,19 @@ def test_identifiers_are_those_of_the_manual_but_for_addresses() -> None:
         assert (parts.priority, parts.source) == (3 if joystick else 6, 0xFE)
 
 
-@pytest.mark.parametrize(
-    ('data', 'name', 'value', 'unit'),
-    [
-        ('011D940371000041', 'RotationPosition', 47.3, 'deg'),
-        ('011D940371000041', 'ElevationPosition', 5.5, 'deg'),
-        ('81FED401C280', 'RotationLeftSoftLimit', -30.0, 'deg'),
-        ('82FF38038400', 'ElevationUpSoftLimit', 90.0, 'deg'),
-    ],
-)
-def test_angles_are_in_degrees(data: str, name: str, value: float, unit: str) -> None:
+def test_values_are_in_their_units_and_statuses_in_words() -> None:
     definition = definition_of(protocol.PROPRIETARY_PGN)
-    decoded = definition.decode(bytes.fromhex(data), allow_truncated=True)
-    assert decoded[name] == pytest.approx(value)
-    assert definition.get_signal_by_name(name).unit == unit
-
-
-def test_deflections_are_in_percent_and_statuses_in_words() -> None:
+    for data, name, value in (
+        ('011D940371000041', 'RotationPosition', 47.3),
+        ('81FED401C280', 'RotationLeftSoftLimit', -30.0),
+        ('82FF38038400', 'ElevationUpSoftLimit', 90.0),
+    ):
+        decoded = definition.decode(bytes.fromhex(data), allow_truncated=True)
+        assert decoded[name] == pytest.approx(value)
+        assert definition.get_signal_by_name(name).unit == 'deg'
     definition = definition_of(protocol.BASIC_JOYSTICK_PGN)
     decoded = definition.decode(bytes.fromhex('107D046400100000'))
     assert decoded['XDeflection'] == pytest.approx(50.0)
     assert definition.get_signal_by_name('XDeflection').unit == '%'
     assert [str(decoded[name]) for name in ('XRight', 'XLeft', 'Switch2')] == ['On', 'Off', 'On']
-    absent = definition.decode(b'\xff' * 8)
-    assert str(absent['YNeutral']) == 'Not available'
+    assert str(definition.decode(b'\xff' * 8)['YNeutral']) == 'Not available'

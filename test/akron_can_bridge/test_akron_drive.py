@@ -77,42 +77,12 @@ def test_stopped_drive_has_no_frame_due() -> None:
 # -- what a port that closed, or input that was lost, leaves behind -------------------------------
 
 
-def test_forgotten_command_does_not_go_out_and_the_gate_is_shut() -> None:
-    drive = moving()
-    drive.forget()
-    assert not drive.moving
-    drive.set_command(AT_WORK, NOW, [])
-    assert not drive.moving
-    drive.set_estop(False, NOW)
-    drive.set_command(AT_WORK, NOW, [])
-    assert drive.inhibits(NOW, []) == ['the command must be neutral once']
-    assert said(drive, NOW + SLOT) == NEUTRAL
-
-
-def test_forgotten_estop_input_is_not_taken_for_released() -> None:
-    drive = moving()
-    drive.forget()
-    drive.set_command(AT_REST, NOW, [])
-    drive.set_command(AT_WORK, NOW, [])
-    assert not drive.moving
-    assert drive.forbidden(NOW, []) == ['e-stop input is stale: never heard, limit 250 ms']
-
-
-def test_forgotten_command_is_neither_fresh_nor_refused() -> None:
-    drive = moving()
-    drive.refuse_command('axis 0 is nan', NOW)
-    drive.forget()
-    drive.set_estop(False, NOW)
-    assert drive.inhibits(NOW, [])[0] == 'command is stale: never heard, limit 150 ms'
-    assert drive.stale(NOW)
-
-
 def test_permission_is_said_anew_where_the_unit_may_have_missed_it() -> None:
     drive = Drive(Settings(soe_permissive=True))
     frame = [f'{PERMISSION:08X} A10001']
     assert permitted(drive, NOW) == frame
     assert permitted(drive, NOW) == []
-    drive.forget()
+    drive.forget_inputs()
     drive.stop()  # the port was closed, and is opened again
     assert permitted(drive, NOW + 0.02, None) == []  # nothing to the former unit either
     assert permitted(drive, NOW + 0.02) == frame
@@ -137,14 +107,6 @@ def test_one_stale_input_is_enough_to_be_told() -> None:
     drive.set_command(AT_WORK, NOW + 0.2, [])
     assert not drive.stale(NOW + ESTOP_LIMIT - 1e-6)
     assert drive.stale(NOW + ESTOP_LIMIT)
-
-
-def test_gate_says_nothing_while_nothing_forbids_motion_and_its_reason_once() -> None:
-    drive = moving()
-    assert drive.watch(NOW, []) == ()
-    assert drive.watch(NOW, ['a reason']) == ('a reason',)
-    assert drive.watch(NOW, ['a reason']) == ()
-    assert said(drive, NOW) == NEUTRAL
 
 
 # -- motion that a neutral stick does not end -----------------------------------------------------
@@ -205,7 +167,7 @@ def test_command_is_not_lost_to_a_press_and_a_forgotten_press_is_none() -> None:
     assert said(drive, START) == MOVING
     drive.set_command(AT_REST, START, [])
     drive.pause(START)
-    drive.forget()
+    drive.forget_inputs()
     assert said(drive, START) == NEUTRAL
 
 

@@ -13,7 +13,6 @@ import pytest
 from akron_can_bridge.protocol import AddressAnnouncement, Name
 from akron_can_bridge.session import Settings
 from akron_can_bridge.session.finder import Finder
-from bridge_core.j1939 import NULL_ADDRESS
 from stage.akron_session_rig import NAME as NAME_FRAME, OTHER_PIN, PIN, UNIT
 
 NOW = 100.0
@@ -41,15 +40,6 @@ def test_new_start_forgets_the_devices() -> None:
     assert finder.devices == {OTHER_PIN: 0x81}
     finder.start(NOW + 1.0)
     assert finder.devices == {}
-
-
-def test_name_claimed_before_a_new_start_is_not_held_against_the_unit() -> None:
-    finder = started()
-    finder.claimed(UNIT, NAME, NOW)
-    finder.start(NOW + 1.0)
-    finder.announced(UNIT, OURS, NOW + 1.0)
-    assert finder.claimed(UNIT, RENAMED, NOW + 1.0) == ''
-    assert finder.address == UNIT
 
 
 def test_address_lost_after_a_new_start_is_asked_for_at_once() -> None:
@@ -103,20 +93,6 @@ def test_unit_of_a_session_before_does_not_overrule_the_pin_that_is_given() -> N
     assert finder.pin == PIN
 
 
-def test_pin_of_the_unit_at_its_fixed_address_is_told_once() -> None:
-    finder = Finder(Settings(unit_address=UNIT, device_type=1032))
-    finder.start(NOW)
-    assert finder.announced(UNIT, OURS, NOW) == f'unit {PIN} is at address 80'
-    assert not finder.announced(UNIT, OURS, NOW)
-
-
-def test_sender_without_an_address_is_not_followed() -> None:
-    finder = started()
-    assert finder.announced(NULL_ADDRESS, OURS, NOW) == ''
-    assert finder.address is None
-    assert finder.devices == {}
-
-
 def test_so_many_devices_are_remembered_and_followed_and_no_more() -> None:
     finder = started()
     pins = [f'1032AE{number:09}' for number in range(MANY + 1)]
@@ -139,65 +115,6 @@ def test_only_a_change_of_the_address_counts_as_a_move() -> None:
     assert [*moves, finder.moves] == [0, 0, 1, 2, 2]
 
 
-# -- whose a claimed address is -------------------------------------------------------------------
-
-
-def fixed() -> Finder:
-    """Return one whose unit is at an address that was given, and of which nothing was heard."""
-    finder = Finder(Settings(unit_address=UNIT))
-    finder.start(NOW)
-    return finder
-
-
-def test_fixed_address_is_lost_to_another_maker_and_comes_back_with_the_unit() -> None:
-    finder = fixed()
-    finder.announced(0x81, OTHER, NOW)
-    assert 'has lost address 80 to another device' in finder.claimed(UNIT, STRANGER, NOW)
-    assert finder.address is None
-    assert finder.claimed(0x90, NAME, NOW) == ''
-    assert finder.address is None
-    assert finder.claimed(UNIT, NAME, NOW) == ''
-    assert finder.address == UNIT
-
-
-def test_claims_of_other_addresses_leave_a_fixed_one() -> None:
-    finder = fixed()
-    for name in (STRANGER, NAME):
-        assert finder.claimed(0x90, name, NOW) == ''
-        assert finder.address == UNIT
-
-
-def test_fixed_address_does_not_come_back_with_another_unit_of_the_maker() -> None:
-    finder = fixed()
-    finder.announced(UNIT, OURS, NOW)
-    assert 'has lost address 80' in finder.announced(UNIT, OTHER, NOW)
-    assert finder.claimed(UNIT, NAME, NOW) == ''
-    assert finder.address is None
-
-
-def test_name_that_was_heard_counts_in_whole() -> None:
-    finder = started()
-    finder.announced(UNIT, OURS, NOW)
-    assert finder.claimed(UNIT, NAME, NOW) == ''
-    assert 'has lost address 80' in finder.claimed(UNIT, RENAMED, NOW)
-
-
-def test_name_at_another_address_is_not_kept_as_the_units() -> None:
-    finder = started()
-    finder.announced(UNIT, OURS, NOW)
-    assert 'and claims another' in finder.claimed(0x90, RENAMED, NOW)
-    finder.announced(UNIT, OURS, NOW)
-    assert finder.claimed(UNIT, NAME, NOW) == ''
-    assert finder.address == UNIT
-
-
-@pytest.mark.parametrize('other', [{'manufacturer': 0}, {'identity': NAME.identity + 1}])
-def test_name_of_another_maker_or_number_is_not_the_units(other: dict[str, Any]) -> None:
-    finder = started()
-    finder.announced(UNIT, OURS, NOW)
-    assert 'has lost address 80' in finder.claimed(UNIT, replace(NAME, **other), NOW)
-
-
 def test_without_a_unit_there_are_no_rivals() -> None:
     finder = Finder(Settings(device_type=1042))
     finder.start(NOW)
@@ -208,8 +125,68 @@ def test_without_a_unit_there_are_no_rivals() -> None:
     assert not finder.alone
 
 
-def test_without_a_unit_none_of_its_type_is_a_rival() -> None:
-    finder = Finder(Settings())
+# -- which address it has -------------------------------------------------------------------------
+
+# Devices announce their PIN (ours, other, twin) or claim an address by a NAME.
+PINS = {'ours': OURS, 'other': OTHER, 'twin': AddressAnnouncement('1032CE100801035')}
+NAMES = {
+    'Name': NAME,
+    'Twin': replace(NAME, function_instance=1),  # the same identity number
+    'Renamed': RENAMED,
+    'Neighbour': replace(NAME, identity=NAME.identity + 1),
+    'Stranger': replace(NAME, manufacturer=0),
+}
+AT = f'unit {PIN} is at address'
+LOST = f'unit {PIN} has lost address 80'
+TO_ANOTHER, CLAIMS_ANOTHER = f'{LOST} to another device', f'{LOST} and claims another'
+# What is heard, the address then, and what was told of it.
+STORIES: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@82 ours@82', 0x82, [f'{AT} 80', f'{AT} 82']),
+    ('ours@FE', None, []),
+    ('ours@80 Name@80 Stranger@81', 0x80, [f'{AT} 80']),
+    ('ours@80 Name@80 Renamed@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Neighbour@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80 Name@80 ours@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+    ('ours@80 other@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+    ('ours@80 Name@91', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Name@FE', None, [f'{AT} 80', CLAIMS_ANOTHER]),  # it cannot claim any
+    ('ours@80 Renamed@90', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Renamed@90 ours@80 Name@80', 0x80, [f'{AT} 80', CLAIMS_ANOTHER, f'{AT} 80']),
+    ('Name@80 restart ours@80 Renamed@80', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@91 twin@91', 0x80, [f'{AT} 80']),
+    ('ours@80 twin@91 Name@91', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@80 ours@80 Twin@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+]
+# The same where the unit is at an address that is given.
+FIXED: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@80 other@81 ours@91 Name@91', 0x80, [f'{AT} 80']),
+    ('other@81 Stranger@80 Name@90', None, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@80 Name@80', 0x80, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@90 Name@90', 0x80, []),
+    ('ours@80 other@80 Name@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+]
+
+
+@pytest.mark.parametrize(
+    ('options', 'story', 'address', 'told'),
+    [
+        *(({}, *row) for row in STORIES),
+        *(({'unit_address': UNIT, 'device_type': 1032}, *row) for row in FIXED),
+    ],
+)
+def test_address_is_followed_and_told_on_change(
+    options: dict[str, Any], story: str, address: int | None, told: list[str]
+) -> None:
+    finder = Finder(Settings(**options))
     finder.start(NOW)
-    finder.devices[OTHER_PIN] = 0x81
-    assert finder.rivals() == []
+    texts = []
+    for word in story.split():
+        what, _, at = word.partition('@')
+        if what == 'restart':
+            finder.start(NOW)
+        elif what in PINS:
+            texts.append(finder.announced(int(at, 16), PINS[what], NOW))
+        else:
+            texts.append(finder.claimed(int(at, 16), NAMES[what], NOW))
+    assert (finder.address, [text for text in texts if text]) == (address, told)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import contextlib
 import os
 from pathlib import Path
 import signal
@@ -18,11 +19,11 @@ from std_msgs.msg import Bool, UInt8
 
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from rugged_teleop.canbuses import frames
-from stage.akron_node_rig import Bench, bench_of, NAME, NEUTRAL, RIGHT, START_LIMIT, Station
+from stage.akron_node_rig import Bench, bench_of, NEUTRAL, RIGHT, START_LIMIT, Station
 from stage.can_rig import CanBus
 from stage.endings import each_ending
-from stage.rig import NodeProcess, Observer, ROOT
-from stage.run_delay import RunDelay
+from stage.rig import NodeProcess, Observer
+from stage.run_delay import RunDelay, WIRE_HELD_UP
 from stage.toy_rig import is_running, spares_of, wires_of
 
 pytestmark = pytest.mark.waits(80)
@@ -93,27 +94,6 @@ def lose_wire(bench: Bench) -> None:
     bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
 
 
-def test_hand_on_the_units_own_switches_has_no_paused_oscillation_resumed(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    """By a stop, nor by the end of the node: the unit says "oscillating" in a pause, too."""
-    own_unit.steer('oscillate on', 'pause on', 'limit right 175')
-    with bench_of(observer, can_bus) as bench:
-        bench.connect()
-        ready_at = time.monotonic()
-        bench.wait(lambda: time.monotonic() > ready_at + 1.5, 'nothing coasts')
-        own_unit.steer('physical 1 0.2')
-        bench.wait(lambda: own_unit.look('moving'), 'the hand')
-        bench.stop = True
-        bench.wait(lambda: 'nobody asks it to' in bench.status().message, 'the report')
-        assert bench.node.end(signal.SIGTERM) == 0
-        own_unit.steer('physical 1 0')
-        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
-    assert PAUSE not in own_unit.joystick_frames(0x38)
-    assert own_unit.look('paused')
-    assert not own_unit.look('moving')
-
-
 def test_stop_pauses_an_oscillation_of_ours_once_and_says_so(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
@@ -134,10 +114,21 @@ def test_stop_pauses_an_oscillation_of_ours_once_and_says_so(
             bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
             return own_unit.look('oscillating')
 
-        bench.wait(oscillates, 'an oscillation')
-        bench.wait(lambda: bench.value('motion reported') == 'oscillates', 'the report')
-        bench.stop = True
-        bench.wait(lambda: own_unit.look('paused'), 'the pause')
+        def pauses() -> bool:
+            """Oscillate, and stop; anew if a busy machine had the session doubt whose it is."""
+            own_unit.steer('oscillate off')
+            bench.stop = False
+            delay = RunDelay([bench.node.process.pid])
+            bench.wait(oscillates, 'an oscillation')
+            bench.wait(lambda: bench.value('motion reported') == 'oscillates', 'the report')
+            bench.stop = True
+            with contextlib.suppress(AssertionError):
+                bench.wait(lambda: own_unit.look('paused'), 'the pause', 5.0)
+                return True
+            assert delay.exceeds(WIRE_HELD_UP), 'no pause'
+            return False
+
+        bench.wait(pauses, 'the pause', 60.0)
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
         bench.wait(lambda: 'presses switch 7 once' in bench.node.output, 'the line')
         bench.wait(lambda: bench.value('switch 7 pressed by stops') == '1', 'the count')
@@ -241,20 +232,6 @@ def test_ends_with_neutral_and_status_0(
         bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
 
 
-def test_soe_permission_holds_the_unit_only_during_a_stop(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    own_unit.steer('soe on')
-    with bench_of(observer, can_bus) as bench:
-        bench.connect()
-        bench.wait(lambda: 'SOE mode is active' in bench.status().message, 'the hint')
-    with bench_of(observer, can_bus, {'soe_permissive': True}) as bench:
-        bench.connect().drive(own_unit)
-        bench.stop = True
-        bench.wait(lambda: not own_unit.look('moving'), 'rest')
-        bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
-
-
 def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
@@ -274,54 +251,10 @@ def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
             bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
 
 
-def test_two_units_two_nodes_one_bus(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    pins = ('1032AE100801035', '1032AE100801036')
-    with (
-        Station(Simulator(pin=pins[1], address=0x81), can_bus) as other,
-        bench_of(
-            observer,
-            can_bus,
-            {'device_pin': pins[0], 'source_address': 0x37, 'allowed_joysticks': [0x38]},
-            namespace='/a',
-        ) as left,
-        bench_of(
-            observer,
-            can_bus,
-            {'device_pin': pins[1], 'source_address': 0x38, 'allowed_joysticks': [0x37]},
-            namespace='/b',
-        ) as right,
-    ):
-        left.connect()
-        right.connect()
-        own_unit.steer('position 1 20')
-        other.steer('position 1 -20')
-        left.wait(lambda: left.joint_states.last.position[0] < -0.3, 'the one')
-        right.wait(lambda: right.joint_states.last.position[0] > 0.3, 'the other')
-        other.steer('enable off')
-        right.wait_stop(True)
-        left.wait(lambda: left.estop.last == Bool(data=False), 'estop false')
-        left.wait(lambda: pins[1] in left.value('other Akron Brass devices'), 'the neighbour')
-
-
 def test_bus_that_is_not_there_is_told_and_waited_for(observer: Observer) -> None:
     given = {'interface': 'socketcan', 'channel': 'nocan7'}
     with NodeProcess('akron_can_bridge.node', given) as node:
         bench = Bench(observer, node)
         bench.wait(lambda: 'nocan7' in bench.status('link').message, 'the reason')
         bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
-        assert node.process.poll() is None
-
-
-def test_process_with_the_annotated_configuration_stays_up(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    del own_unit
-    file = ROOT / 'config' / f'{NAME}.yaml'
-    bus = (f'interface:={can_bus.interface}', f'channel:={can_bus.channel}')
-    arguments = ['--params-file', str(file), *(word for rule in bus for word in ('-p', rule))]
-    with NodeProcess('akron_can_bridge.node', arguments=arguments) as node:
-        bench = Bench(observer, node)
-        bench.wait_stop(False)
         assert node.process.poll() is None

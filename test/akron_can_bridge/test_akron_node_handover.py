@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -38,91 +38,60 @@ def asked(node: AkronCanBridge, monkeypatch: pytest.MonkeyPatch) -> Asked:
 
     monkeypatch.setattr(node, 'request', request)
     monkeypatch.setattr(clock, 'now', lambda: 100.0)
+    monkeypatch.setattr(node.link, 'activate', lambda values: None)
     return asked
 
 
-def test_port_that_is_open_has_nothing_told_to_a_session_that_knows(
-    node: AkronCanBridge, asked: Asked
-) -> None:
-    node.link_changed('can0 opened', True)
-    assert asked == []
+def limit(node: AkronCanBridge) -> None:
+    node._limited = True
 
 
-def test_first_session_is_told_that_there_was_none_before(
-    node: AkronCanBridge, asked: Asked
-) -> None:
-    node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, None, False)]
-
-
-def test_session_is_told_what_the_one_before_said_last_behind_a_stop(
-    node: AkronCanBridge, asked: Asked
-) -> None:
-    node.on_events([Handover(), StopChanged(Verdict()), StopChanged(Verdict.stop()), KNOWN], 100.0)
-    node.on_events([HandoverWanted()], 100.0)
-    node.pace(101.0)
-    assert asked == [(Session.take_over, KNOWN, False)]
-
-
-def test_session_of_a_new_wire_is_told_when_the_one_before_was_lost(
-    node: AkronCanBridge, asked: Asked
-) -> None:
-    node.on_events([KNOWN], 100.0)
-    node.on_lost()
-    for _ in range(2):  # the second time after lost messages
-        node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, True)] * 2
-    node.on_events([KNOWN, HandoverWanted()], 100.0)
-    assert asked[2:] == [(Session.take_over, KNOWN, False)]
-
-
-def test_wire_that_is_lost_before_it_told_anything_makes_the_stop_no_younger(
-    node: AkronCanBridge, asked: Asked, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    node.on_events([KNOWN], 100.0)
-    node.on_lost()
-    monkeypatch.setattr(clock, 'now', lambda: 103.0)
-    node.on_lost()
-    node.on_events([HandoverWanted(), KNOWN], 103.0)
-    assert asked == [(Session.take_over, KNOWN, True)]
-    node.on_lost()
-    node.on_events([HandoverWanted()], 103.0)
-    assert asked[1:] == [(Session.take_over, KNOWN, True)]
-
-
-def test_session_of_a_new_activation_is_not_held_to_the_unit_of_a_wire_that_was_lost(
-    node: AkronCanBridge, asked: Asked
-) -> None:
-    """A wire that took over and never had its port open has told nothing."""
-    node.on_events([KNOWN], 100.0)
-    node.on_lost()
-    node.active = False
-    node.on_activate(None)
-    node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, False)]
-
-
-def test_wire_that_is_lost_before_it_told_anything_is_none_of_the_activation_before(
-    node: AkronCanBridge, asked: Asked, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its unit may be another one, and coast from what another process steered."""
-    monkeypatch.setattr(node.link, 'activate', lambda values: None)
-    node.on_events([KNOWN], 100.0)
+def activate(node: AkronCanBridge) -> None:
     node.active = False
     node.on_activate(None)
     assert node.active
-    node.on_lost()
-    node.on_events([HandoverWanted()], 100.0)
-    assert asked == [(Session.take_over, KNOWN, False)]
-    node.on_events([KNOWN], 100.0)
-    node.on_lost()
-    node.on_events([HandoverWanted()], 100.0)
-    assert asked[1:] == [(Session.take_over, KNOWN, True)]
 
 
-def test_session_is_told_of_limited_directions_before_it_may_permit_any(
-    node: AkronCanBridge, asked: Asked
+def hear(*events: Any) -> Callable[[AkronCanBridge], None]:
+    return lambda node: node.on_events(list(events), 100.0)
+
+
+STEPS: dict[str, Callable[[AkronCanBridge], None]] = {
+    'opens': lambda node: node.link_changed('can0 opened', True),
+    'asks': hear(HandoverWanted()),
+    'tells': hear(KNOWN),
+    'tells behind a stop': hear(
+        Handover(), StopChanged(Verdict()), StopChanged(Verdict.stop()), KNOWN
+    ),
+    'asks and tells': hear(HandoverWanted(), KNOWN),
+    'dies': lambda node: node.on_lost(),
+    'activates': activate,
+    'limits': limit,
+}
+NOBODY = (Session.take_over, None, False)
+FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, False)
+
+
+@pytest.mark.parametrize(
+    ('story', 'expected'),
+    [
+        ('opens', []),
+        ('asks', [NOBODY]),
+        ('tells behind a stop, asks', [AGAIN]),
+        ('tells, dies, asks, asks', [FOLLOW, FOLLOW]),  # the second time after lost messages
+        ('tells, dies, asks, tells, asks', [FOLLOW, AGAIN]),
+        ('tells, dies, dies, asks and tells', [FOLLOW]),  # before it told anything
+        ('tells, dies, dies, asks and tells, dies, asks', [FOLLOW, FOLLOW]),
+        ('tells, dies, activates, asks', [AGAIN]),  # by then there may be another unit
+        ('tells, activates, dies, asks', [AGAIN]),  # a wire that told nothing
+        ('tells, activates, dies, asks, tells, dies, asks', [AGAIN, FOLLOW]),
+        ('limits, asks', [(Session.limit_directions,), NOBODY]),  # before it may permit any
+    ],
+)
+def test_session_that_asks_is_told_what_those_before_had_to_tell(
+    node: AkronCanBridge, asked: Asked, story: str, expected: Asked
 ) -> None:
-    node._limited = True
-    node.on_events([HandoverWanted()], 100.0)
-    assert [method for method, *_ in asked] == [Session.limit_directions, Session.take_over]
+    for step in story.split(', '):
+        STEPS[step](node)
+    node.pace(101.0)
+    assert asked == expected

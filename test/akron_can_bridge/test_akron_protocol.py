@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -159,28 +160,37 @@ VISTA_ON = (
 @pytest.mark.parametrize(
     ('identifier', 'data', 'message'),
     [
-        ('0CFDD638', '0100010000000000', BasicJoystick(protocol.NEUTRAL, protocol.NEUTRAL)),
-        ('0CFDD738', 'FFFFFFFFFFFF0000', ExtendedJoystick()),
-        ('18EFFF80', '81FED401C200', RotationSoftLimits(-30.0, 45.0)),
-        ('18EF8005', '03', FirmwarePoll()),
-        ('18EF8005', '04', PcodePoll()),
-        ('18EF8005', '05', ConfigPoll()),
-        ('18EF8005', '21', VistaPoll()),
+        (
+            '0CFDD638',
+            '0100010000000000',
+            lambda: BasicJoystick(protocol.NEUTRAL, protocol.NEUTRAL),
+        ),
+        ('0CFDD738', 'FFFFFFFFFFFF0000', lambda: ExtendedJoystick()),
+        ('18EFFF80', '81FED401C200', lambda: RotationSoftLimits(-30.0, 45.0)),
+        ('18EF8005', '03', lambda: FirmwarePoll()),
+        ('18EF8005', '04', lambda: PcodePoll()),
+        ('18EF8005', '05', lambda: ConfigPoll()),
+        ('18EF8005', '21', lambda: VistaPoll()),
         (
             '18EF0580',
             f'21{int(VISTA_BITS, 2):014X}',
-            VistaData(0b1000000001, 500, 400, VISTA_ON),
+            lambda: VistaData(0b1000000001, 500, 400, VISTA_ON),
         ),
-        ('18EF0580', '22123489AB', VistaPosition(0x1234, 0x89AB)),  # high byte first
-        ('18EF0580', '46', EnterSetup()),
-        ('18EF80F2', 'FE41', AsciiPipe(b'A')),
-        ('18EFF280', 'FE', AsciiPipeAcknowledgement()),
-        ('18EAFFFF', 'DAFE00', FieldRequest(0xFEDA)),
-        *(('18EFFF80', f'830{riser}00', DigitalOutputs(Output(0), riser)) for riser in range(4)),
+        ('18EF0580', '22123489AB', lambda: VistaPosition(0x1234, 0x89AB)),  # high byte first
+        ('18EF0580', '46', lambda: EnterSetup()),
+        ('18EF80F2', 'FE41', lambda: AsciiPipe(b'A')),
+        ('18EFF280', 'FE', lambda: AsciiPipeAcknowledgement()),
+        ('18EAFFFF', 'DAFE00', lambda: FieldRequest(0xFEDA)),
+        *(
+            ('18EFFF80', f'830{riser}00', lambda riser=riser: DigitalOutputs(Output(0), riser))
+            for riser in range(4)
+        ),
     ],
 )
-def test_frames_by_hand_both_ways(identifier: str, data: str, message: Message) -> None:
-    check(identifier, data, message)
+def test_frames_by_hand_both_ways(
+    identifier: str, data: str, message: Callable[[], Message]
+) -> None:
+    check(identifier, data, message())
 
 
 def golden(name: str) -> Any:

@@ -1,15 +1,20 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Motion of the unit that nobody asks for, by the moment: its stop, pause and permission."""
+"""Motion of the unit that nobody asks for, by the moment: its stop, permission, and steps."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+import math
 from typing import Any
 
 import pytest
 
+from akron_can_bridge.protocol import Position, PositionLimit, Status
 from akron_can_bridge.session import Cause
+from akron_can_bridge.session.motion import Motion
+from akron_can_bridge.session.unit import Unit
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
@@ -173,3 +178,87 @@ def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float)
     bench.run(0.5, REST)
     assert permission(bench) == 'A10000'
     assert bench.session.demand.withheld
+
+
+# -- by the angles alone --------------------------------------------------------------------------
+
+
+NOW = 100.0
+PERIOD, HOLD = 0.125, 0.5  # s; in floats their sums are exact
+
+NO_ANGLE = Position(0, Status.ERROR, Status.ERROR)
+
+
+def at(tenths: int) -> PositionLimit:
+    """Return a type 01 with the unit so far to the right, in 0.1 degree."""
+    rotation = Position(tenths, positive=Status.ON)
+    return PositionLimit(
+        rotation, Position(10, positive=Status.ON), (Status.OFF,) * 10, Status.OFF, Status.ON
+    )
+
+
+def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> Motion:
+    """Return one that was told these angles, in 0.1 degree, one each period."""
+    motion = motion or Motion(Unit(0.3))
+    for number, tenths in enumerate(places):
+        motion.hear_angles(at(tenths), since + PERIOD * number)
+    return motion
+
+
+@pytest.mark.parametrize(
+    ('places', 'began', 'moves'),
+    [
+        ((100, 105, 110), 1, True),  # steps of half a degree
+        ((100, 104, 100, 104), None, False),  # noise
+        ((100, 103, 106, 109, 112), 2, True),  # slow motion adds up to steps
+        ((100, 900, 900), 1, False),  # a jump
+    ],
+)
+def test_two_steps_of_half_a_degree_are_motion(
+    places: tuple[int, ...], began: int | None, moves: bool
+) -> None:
+    motion = turning(*places)
+    assert motion.began_at == (-math.inf if began is None else NOW + began * PERIOD)
+    assert motion.moving(NOW + (len(places) - 1) * PERIOD) is moves
+
+
+def test_steps_of_both_angles_in_one_message_are_one() -> None:
+    motion = Motion(Unit(0.3))
+    for number, tenths in enumerate((100, 110, 120)):
+        up = Position(tenths, positive=Status.ON)
+        motion.hear_angles(replace(at(tenths), elevation=up), NOW + PERIOD * number)
+    assert motion.began_at == NOW + PERIOD
+
+
+def test_unit_stands_half_a_second_after_its_last_step() -> None:
+    motion = turning(100, 110, 120)
+    stands = NOW + 2 * PERIOD + HOLD
+    assert motion.ends_at == stands
+    assert motion.moving(stands - 1e-6)
+    assert not motion.moving(stands)
+
+
+def test_angle_that_is_back_elsewhere_is_no_step() -> None:
+    motion = turning(100)
+    motion.hear_angles(replace(at(100), rotation=NO_ANGLE), NOW + 0.1)
+    turning(200, 210, motion=motion, since=NOW + 0.2)
+    assert not motion.moving(NOW + 0.2 + PERIOD)
+
+
+def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:
+    motion = turning(100, 110, 120)
+    motion.hear_angles(at(130), motion.ends_at)
+    assert motion.began_at == NOW + 2 * PERIOD + HOLD
+    assert not motion.moving(motion.began_at)
+
+
+def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
+    motion = turning(100, 110, 120)
+    motion.forget_angles()
+    assert (motion.began_at, motion.ends_at) == (-math.inf, -math.inf)
+    assert not motion.moving(NOW + 2 * PERIOD)
+    since = NOW + 3 * PERIOD
+    turning(200, 210, motion=motion, since=since)
+    assert not motion.moving(since + PERIOD)
+    turning(220, motion=motion, since=since + 2 * PERIOD)
+    assert motion.moving(since + 2 * PERIOD)

@@ -5,7 +5,6 @@
 
 from collections.abc import Callable
 import itertools
-import random
 from typing import Any
 
 import pytest
@@ -31,7 +30,6 @@ from stage.akron_session_rig import (
     NOT_ENABLED,
     of,
     OUTPUTS,
-    POSITION,
     REST,
     SLOT,
     UNIT,
@@ -371,70 +369,3 @@ def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> N
     bench.session.limit_directions(bench.now)
     bench.poll()
     assert permissions(bench)[-1] == 'A10001'
-
-
-# -- chance ---------------------------------------------------------------------------------------
-
-
-def play(seed: int) -> int:
-    """
-    Play at random; return how many frames moved the unit.
-
-    The oracle: what was heard last, and what went wrong since the last neutral command.
-    """
-    dice = random.Random(seed)
-    bench = Bench(extended=dice.random() < 0.5, soe_permissive=dice.random() < 0.5).find_unit()
-    heard = {'estop': -9.0, 'command': -9.0, 'unit': -9.0}
-    clear = False
-    wrong_at, neutral_at, moved = 0.0, -9.0, 0
-
-    def step(*names: str) -> None:
-        for key in names:
-            heard[key] = bench.now
-
-    for _ in range(1000):
-        before = len(bench.sent)
-        action = dice.choices(range(9), (30, 30, 30, 4, 1, 1, 1, 1, 8))[0]
-        if action == 0:
-            bench.take(OUTPUTS)
-            step('unit')
-        elif action == 1:
-            bench.estop_in(False)
-            clear = True
-            step('estop')
-        elif action == 2:
-            bench.command(MOVE)
-            step('command')
-        elif action == 3:
-            bench.command(REST)
-            neutral_at = bench.now
-            step('command')
-        elif action == 8:
-            bench.take(POSITION, NO_FAULTS)
-            step('unit')
-        else:
-            wrong_at = bench.now
-            actions: dict[int, Callable[[], Any]] = {
-                4: lambda: bench.estop_in(True),
-                5: lambda: bench.session.refuse_command('nonsense', bench.now),
-                6: lambda: bench.take(NOT_ENABLED),
-                7: lambda: bench.take(joystick()),
-            }
-            actions[action]()
-            clear = clear and action != 4
-        bench.wait(dice.choice((0.0, 0.005, 0.01, 0.05, 0.2)))
-        for at, frame in bench.sent[before:]:
-            if frame.identifier != 0x0CFDD638 or frame.data == NEUTRAL:
-                continue
-            moved += 1
-            assert frame.data == MOVING
-            assert clear
-            assert at - heard['estop'] < ESTOP_LIMIT
-            assert at - heard['command'] < COMMAND_LIMIT
-            assert at - heard['unit'] < LINK_LIMIT
-            assert neutral_at >= wrong_at
-    return moved
-
-
-def test_motion_goes_out_only_while_all_conditions_hold() -> None:
-    assert sum(play(seed) for seed in range(8)) > 50  # and then it does

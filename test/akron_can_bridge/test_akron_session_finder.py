@@ -180,8 +180,6 @@ def test_old_address_says_nothing_any_more() -> None:
     [
         (name(STRANGER, 0x80), 'to another device'),
         (moved(OTHER_ANNOUNCED, 0x80), f'to {OTHER_PIN}'),
-        (moved(NAME, 0x91), 'and claims another'),
-        (moved(NAME, 0xFE), 'and claims another'),  # it cannot claim any
     ],
 )
 def test_lost_address_is_not_believed_any_more_and_names_are_asked_for(
@@ -201,52 +199,6 @@ def test_lost_address_is_not_believed_any_more_and_names_are_asked_for(
     bench.take(moved(ANNOUNCED, 0x85), moved(OUTPUTS, 0x85), moved(NO_FAULTS, 0x85))
     assert not bench.session.estop
     assert bench.session.finder.moves == 1
-
-
-def test_unit_that_defends_its_address_comes_back_by_its_announcement() -> None:
-    bench = Bench().find_unit()
-    bench.take(name(STRANGER, 0x80), NAME, ANNOUNCED, OUTPUTS)
-    bench.run(0.5)
-    assert bench.session.finder.address == 0x80
-    assert not bench.session.estop
-
-
-def test_own_claim_of_the_unit_and_claims_elsewhere_change_nothing() -> None:
-    bench = Bench().find_unit()
-    bench.take(NAME)
-    assert bench.take(NAME, name(STRANGER, 0x81)) == []
-    assert bench.session.finder.address == 0x80
-
-
-# By hand from NAME: the same identity, another function instance; and a PIN with the same 21 bits.
-TWIN = '0B1AC22808420090'
-TWIN_ANNOUNCED = ef('FF87150226021A0B', 0x91)  # digit 5 is C instead of A
-
-
-def test_another_device_with_the_same_identity_number_does_not_take_the_unit_away() -> None:
-    bench = Bench()
-    bench.open()
-    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
-    for _ in range(5):
-        assert of(UnitChanged, bench.take(name(TWIN, 0x91), TWIN_ANNOUNCED)) == []
-        bench.run(0.5)
-        assert not bench.session.estop
-
-
-def test_twin_that_was_announced_is_not_the_unit_though_its_name_is_the_same() -> None:
-    bench = Bench().find_unit()  # its NAME was never heard
-    bench.take(TWIN_ANNOUNCED)
-    assert bench.take(name('0B1AC22800420090', 0x91)) == []
-    assert bench.session.finder.address == UNIT
-
-
-def test_unit_with_a_new_name_is_followed_after_its_announcement() -> None:
-    bench = Bench()
-    bench.open()
-    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
-    bench.take(name(TWIN, UNIT), ANNOUNCED)
-    assert bench.session.finder.address == UNIT
-    assert bench.take(name(TWIN, UNIT)) == []
 
 
 def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
@@ -282,16 +234,6 @@ def test_unit_that_announces_nothing_is_used_at_its_address() -> None:
     assert bench.session.values(bench.now)['type'] == '6032 Universal II'
     bench.take(moved(NOT_ENABLED, 0x90))
     assert 'not asserted' in bench.session.stop_reasons(bench.now)[0]
-
-
-def test_announcement_from_the_fixed_address_gives_the_pin_and_others_do_not_move_it() -> None:
-    bench = Bench(unit_address=UNIT)
-    bench.open()
-    bench.take(NAME, ANNOUNCED, OUTPUTS, NO_FAULTS)
-    assert bench.session.values(bench.now)['unit'] == PIN
-    assert bench.take(OTHER_ANNOUNCED, moved(ANNOUNCED, 0x91), moved(NAME, 0x91)) == []
-    assert bench.session.finder.address == UNIT
-    assert not bench.session.estop
 
 
 @pytest.mark.parametrize('frame', [name(STRANGER, UNIT), moved(OTHER_ANNOUNCED, UNIT)])

@@ -5,11 +5,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Sticks
+from akron_can_bridge.protocol import (
+    Axis,
+    BasicJoystick,
+    ExtendedJoystick,
+    JOYSTICK_TIMEOUT,
+    Status,
+)
+from akron_can_bridge.session import Settings, Sticks
+from akron_can_bridge.session.joysticks import Joysticks
 from bridge_core.session import StopChanged, Verdict
 from stage.akron_session_rig import Bench, joystick, MOVE, of, OURS
 
@@ -78,6 +87,8 @@ def test_what_is_no_vsc_by_its_bytes_is_told_of_allowed_joysticks(pgn: int, data
         is_button = pgn == 0xFDD6 and place == 5
         assert ('FORT' in reason) == is_button
         assert ('allowed_joysticks' in reason) != is_button
+    bench.take(joystick(data, 0x34, pgn=pgn))  # from another address
+    assert 'FORT' not in bench.session.joysticks.describe([0x34])
 
 
 def test_somebody_at_our_own_address_is_told_as_such() -> None:
@@ -234,3 +245,81 @@ def test_switches_and_grips_that_are_not_fitted_are_no_fault_and_a_broken_grip_i
     assert heard(bench)[0].faulty == ()
     heard(bench, '127D0464FFFF0004', pgn=0xFDD7)
     assert heard(bench)[0].faulty == ('grip_x error',)
+
+
+# -- what is kept, and for how long ---------------------------------------------------------------
+
+
+NOW = 100.0
+OTHER = 0x33
+RIGHT = BasicJoystick(Axis.of(500), Axis.of(0))
+CENTRED = BasicJoystick(Axis.of(0), Axis.of(0))
+GRIP = ExtendedJoystick(grip_x=Axis.of(250))
+BROKEN = BasicJoystick(Axis(0, Status.ERROR), Axis.of(0))
+
+
+def hearing(*messages: Any) -> Joysticks:
+    """Return what has heard one joystick, which is published as ``~/joy``."""
+    joysticks = Joysticks(Settings(joy_source=OTHER))
+    joysticks.hear_sender(joystick(), OTHER, NOW)
+    for message in messages:
+        joysticks.hear_sticks(message, OTHER, NOW)
+    return joysticks
+
+
+def test_forgotten_joystick_is_not_there_and_moves_nothing() -> None:
+    joysticks = hearing(RIGHT)
+    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([OTHER], [OTHER])
+    joysticks.forget_senders()
+    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([], [])
+
+
+def test_forgotten_joystick_that_is_held_does_not_count_until_it_was_let_go_of() -> None:
+    joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER})))
+    for message in (CENTRED, RIGHT):
+        joysticks.hear_sticks(message, OTHER, NOW)
+    assert joysticks.pushes(NOW)
+    joysticks.forget_senders()
+    joysticks.hear_sticks(RIGHT, OTHER, NOW)
+    assert not joysticks.pushes(NOW)
+
+
+def test_grip_of_before_is_none_of_after() -> None:
+    joysticks = hearing(GRIP)
+    (sticks,) = joysticks.hear_sticks(CENTRED, OTHER, NOW)
+    assert sticks.axes[2] == 250
+    joysticks.forget_senders()
+    (sticks,) = joysticks.hear_sticks(CENTRED, OTHER, NOW)
+    assert sticks.axes[2] == 0
+
+
+def test_fault_of_a_joystick_is_forgotten_with_it_and_with_its_silence() -> None:
+    joysticks = hearing(BROKEN)
+    assert joysticks.faulty
+    joysticks.forget_senders()
+    assert joysticks.faulty == ()
+    joysticks.hear_sticks(BROKEN, OTHER, NOW)
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT, stopped=True) == [
+        Sticks((0, 0, 0, 0, 0), (False,) * 16, ())
+    ]
+    assert joysticks.faulty == ()
+    assert joysticks.expire(NOW + JOYSTICK_TIMEOUT, stopped=True) == []
+
+
+@pytest.mark.parametrize('source', [0x32, 0x39])
+def test_sender_that_no_unit_obeys_asks_for_nothing(source: int) -> None:
+    joysticks = Joysticks(Settings())
+    for message in (RIGHT, GRIP):
+        assert joysticks.hear_sticks(message, source, NOW) == []
+    assert joysticks.moving(NOW) == []
+    assert joysticks.asked_until < NOW
+    assert not joysticks.automatic_asked
+
+
+@pytest.mark.parametrize('allowed', [False, True])
+def test_motion_is_asked_for_by_an_allowed_joystick_alone(allowed: bool) -> None:
+    joysticks = Joysticks(Settings(allowed_joysticks=frozenset({OTHER} if allowed else ())))
+    for message in (RIGHT, GRIP):
+        joysticks.hear_sticks(message, OTHER, NOW)
+    assert joysticks.automatic_asked is allowed
+    assert joysticks.asked_until == (NOW + JOYSTICK_TIMEOUT if allowed else -math.inf)

@@ -7,20 +7,12 @@ from __future__ import annotations
 
 import pytest
 
-from akron_can_bridge.session import Request
 from akron_can_bridge.simulator import JoystickSimulator
 from fort_vsc_bridge.simulator import CanSimulator
-from stage.akron_loop_rig import Bench, Ours
-from stage.akron_session_rig import MOVE, OTHER_PIN, PIN
+from stage.akron_loop_rig import Bench
+from stage.akron_session_rig import MOVE
 
 WATCHDOG = 0.2  # the unit's own, Appendix B
-
-
-def test_unit_is_found_and_no_stop_is_left() -> None:
-    bench = Bench()
-    assert bench.reasons == []
-    assert bench.session.unit.versions_known
-    assert bench.unit.rejected == 0
 
 
 @pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])
@@ -70,15 +62,6 @@ def test_changed_identifiers_are_a_way_out() -> None:
     assert bench.reasons == []
 
 
-def test_allowed_joystick_overrides_us_from_a_lower_address() -> None:
-    stick = JoystickSimulator(0x33)
-    bench = Bench(stick, allowed_joysticks=frozenset({0x33})).move()
-    assert bench.moved(0.5) > 0.0
-    stick.apply('stick x -1')
-    bench.run(1.0)
-    assert bench.moved(0.5) < 0.0
-
-
 def test_soe_permission_stops_an_allowed_joystick_with_us() -> None:
     stick = JoystickSimulator(0x33)
     bench = Bench(stick, allowed_joysticks=frozenset({0x33}), soe_permissive=True)
@@ -111,15 +94,3 @@ def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None
     assert bench.session.finder.address == bench.unit.address == 0x81
     assert bench.moved(0.5) > 0.0
     assert bench.now - start < 2.0
-
-
-def test_unit_leaves_setup_mode_though_another_node_asks_for_its_own_unit_each_second() -> None:
-    other = Ours(source_address=0x37, device_pin=OTHER_PIN, allowed_joysticks=frozenset({0x38}))
-    bench = Bench(other, device_pin=PIN, allowed_joysticks=frozenset({0x37}))
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.wait(lambda: bench.unit.motion.setup)
-    bench.run(0.1)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.run(5.0)
-    assert not bench.unit.motion.setup
-    bench.move()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
-from akron_can_bridge.session import Cause, Request, Settings
+from akron_can_bridge.session import Cause, Request
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from stage.akron_loop_rig import Bench
 from stage.akron_session_rig import MOVE, PIN, REST
@@ -104,16 +104,6 @@ def test_journey_that_goes_on_through_a_stop_is_a_stop_of_the_unit(switch: int) 
     assert bench.reasons == []
 
 
-def test_motion_that_nobody_asked_for_is_a_stop_without_any_other() -> None:
-    bench = Bench()
-    bench.unit.apply('physical 1 -0.5')
-    bench.run(0.5)
-    assert bench.reasons == []
-    bench.run(1.5)
-    assert 'it moves though nobody asks it to' in bench.reasons[0]
-    assert bench.session.causes(bench.now).keys() == {Cause.MOTION}
-
-
 def test_motion_by_an_allowed_joystick_is_no_stop() -> None:
     stick = JoystickSimulator(0x33)
     bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
@@ -189,13 +179,3 @@ def test_setup_mode_keeps_the_frames_neutral_until_a_reset() -> None:
     bench.wait(lambda: bench.session.estop)
     bench.wait(lambda: not bench.session.estop)
     bench.move()
-
-
-# -- starting it ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('switch', [OSCILLATE, PAUSE, DEPLOY, STOW])
-def test_button_that_starts_automatic_motion_needs_its_parameter(switch: int) -> None:
-    with pytest.raises(ValueError, match='set automatic_motion'):
-        Settings(button_switches=(0, switch))
-    Settings(button_switches=(0, switch), automatic_motion=True)

@@ -20,7 +20,7 @@ from assurance.mutants_excused import EXCUSED
 # Of the mux: what shows, wires, or says what may be set.
 _NOT_DECIDING = {
     *('__init__', 'configuration', 'listening', 'node', 'outputs', 'parameters', 'protocol'),
-    *('report', 'services'),
+    *('parameters_of_each', 'report', 'services'),
 }
 _BRIDGES = [path.parent.name for path in ROOT.glob('*_bridge/node.py')]
 

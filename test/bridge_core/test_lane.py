@@ -139,13 +139,6 @@ def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig, way: str) -> None
     assert order.index('second') <= 2 * rclpy_inner._BATCH
 
 
-def test_subscription_is_added_while_it_waits(rig: Rig) -> None:
-    rig.lane.start()
-    say = rig.listen()
-    say(1)
-    rig.wait_heard(1)
-
-
 @pytest.mark.parametrize(
     ('received', 'waited'),
     [(0, 0.0), (1, 9.999999999), (7_500_000_000, 2.5), (10_000_000_009, 0.0)],
@@ -233,12 +226,12 @@ def test_lane_that_has_ended_holds_no_subscription(rig: Rig) -> None:
     wait_for(lambda: rig.talker.count_subscribers('number') == 0)
 
 
-def test_subscription_is_removed_while_it_waits(rig: Rig) -> None:
-    say_first = rig.listen('first')
+def test_subscriptions_are_added_and_removed_while_it_waits(rig: Rig) -> None:
     second = rig.lane.subscribe(Int32, 'second', lambda *_: rig.heard.append('removed'), 10)
     publisher = rig.talker.create_publisher(Int32, 'second', 10)
     wait_for(lambda: publisher.get_subscription_count(), what='second')
     rig.lane.start()
+    say_first = rig.listen('first')  # added while it waits
     say_first(1)
     rig.wait_heard(1)
     rig.lane.unsubscribe(second)
@@ -490,14 +483,36 @@ def assert_gives_back(lane: Lane) -> None:
         guard.trigger()
 
 
-def test_stop_ends_the_wait_and_may_be_repeated(rig: Rig) -> None:
+def destroy_and_wake(rig: Rig, _: Context) -> None:
+    rig.node.destroy_node()
+    rig.lane.post(int)
+
+
+ENDS: dict[str, Callable[[Rig, Context], object]] = {
+    'it is stopped': lambda rig, context: rig.lane.stop(),
+    'it stops itself': lambda rig, context: rig.lane.post(rig.lane.stop),
+    'its context is shut down': lambda rig, context: context.shutdown(),
+    'its node is destroyed, and it wakes': destroy_and_wake,
+}
+
+
+@pytest.mark.parametrize('end', ENDS)
+def test_thread_ends_and_that_is_no_fault(context: Context, end: str) -> None:
+    own = Context()
+    rclpy.init(context=own)
+    rig = Rig(own)
     rig.listen()
     rig.lane.start()
-    rig.lane.call(int)
-    rig.lane.stop()
-    assert not thread_of(rig.lane).is_alive()
+    rig.lane.call(int)  # it waits
+    ENDS[end](rig, own)
+    thread = thread_of(rig.lane)
+    wait_for(lambda: not thread.is_alive(), what='its end')
     assert_gives_back(rig.lane)
-    rig.lane.stop()
+    assert not rig.lane.fault.done()
+    rig.lane.stop()  # may be repeated
+    rig.close()
+    own.try_shutdown()
+    assert context.ok()
 
 
 def test_stop_without_a_start(rig: Rig) -> None:
@@ -529,13 +544,6 @@ def test_what_the_last_call_posts_is_called(rig: Rig) -> None:
     rig.wait_heard(1)
 
 
-def test_stop_from_its_own_thread(rig: Rig) -> None:
-    rig.lane.start()
-    rig.lane.post(rig.lane.stop)
-    thread = thread_of(rig.lane)
-    wait_for(lambda: not thread.is_alive(), what='its end')
-
-
 @pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
 def test_timer_that_raises_ends_the_thread_which_is_told(
     rig: Rig, fault: type[BaseException], capfd: pytest.CaptureFixture[str]
@@ -551,36 +559,6 @@ def test_timer_that_raises_ends_the_thread_which_is_told(
     assert isinstance(rig.lane.fault.exception(0.0), fault)
     assert 'listener lane ends: Traceback' in capfd.readouterr().err
     assert rig.lane.call(threading.current_thread) is threading.current_thread()
-
-
-def test_end_by_stop_is_no_fault(rig: Rig) -> None:
-    rig.lane.start()
-    rig.lane.stop()
-    assert not rig.lane.fault.done()
-
-
-def test_shut_down_context_ends_the_thread(context: Context) -> None:
-    own = Context()
-    rclpy.init(context=own)
-    rig = Rig(own)
-    rig.listen()
-    rig.lane.start()
-    rig.lane.call(int)
-    own.shutdown()
-    thread = thread_of(rig.lane)
-    wait_for(lambda: not thread.is_alive(), what='its end')
-    rig.close()
-    assert context.ok()
-
-
-def test_destroyed_node_ends_the_thread_at_its_next_wake(rig: Rig) -> None:
-    rig.listen()
-    rig.lane.start()
-    rig.lane.call(int)
-    rig.node.destroy_node()
-    rig.lane.post(int)
-    thread = thread_of(rig.lane)
-    wait_for(lambda: not thread.is_alive(), what='its end')
 
 
 def test_lane_that_hangs_is_silent_alone(
@@ -606,3 +584,11 @@ def test_lane_that_hangs_is_silent_alone(
     finally:
         gate.set()
         other.close()
+
+
+@pytest.mark.parametrize(
+    ('name', 'owner'),
+    [('_safety_mux_lane', 'safety_mux'), ('safety_mux', 'safety_mux'), ('fast_lane', 'fast_lane')],
+)
+def test_owner_of_the_small_node_of_a_lane_is_named(name: str, owner: str) -> None:
+    assert lane_module.owner_of(name) == owner

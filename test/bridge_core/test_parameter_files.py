@@ -315,7 +315,13 @@ def test_a_parameter_by_a_nodes_name_is_refused_where_ros_passes_it_over(space: 
             check_overrides(['/other', name], arguments)
 
 
-@pytest.mark.parametrize('text', [None, 'safety_mux: [1,\n', '- a\n'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        *(None, 'safety_mux: [1,\n', '- a\n', 'safety_mux:\n\tros__parameters: {}\n'),
+        *('ros__parameters: {rate: 3}\n', 'safety_mux:\n  rate: 3\n', '\x00\x01\x02'),
+    ],
+)
 def test_file_that_is_none_is_one_line(text: str | None, file: Path, capfd: Any) -> None:
     if text is not None:
         file.write_text(text)

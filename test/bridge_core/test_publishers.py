@@ -95,7 +95,7 @@ def test_moments_tell_two_publishers_from_one(
         watch.heard(number, now)
     assert {now: watch.doubled(now) for now in doubled} == doubled
     if any(doubled.values()):
-        assert not watch.settled(heard[-1][1])
+        assert watch.settled(heard[-1][1]) is False
 
 
 def test_messages_that_never_arrived_are_counted() -> None:

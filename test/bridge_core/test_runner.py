@@ -91,6 +91,9 @@ def spin_once(executor):
     try:
         while executor.context.ok():  # it hears of the end last
             once(executor)
+    except Exception:
+        if executor.context.ok():  # else it ended amid this
+            raise
     finally:
         time.sleep(0.5)
         print('the last')

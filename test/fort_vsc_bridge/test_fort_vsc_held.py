@@ -17,7 +17,8 @@ from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from fort_vsc_bridge.simulator.can import IDENTIFIERS
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 from stage.fort_vsc_rig import SRC, sticks
 from stage.session_rig import SessionBench
 

@@ -23,6 +23,8 @@ from rugged_teleop.stack import BESIDE, NODES
 ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
 COMMON_MODULES = ('node', 'stop_topics', 'bridge_diagnostics')
+# How the names of what makes an interface begin.
+MAKERS = ('create_', 'publisher', 'stop_input', 'command_input', 'subscribe', 'Command')
 MOST_WORDS = 40  # of a cell
 LONG_CELLS = {  # still to be shortened
     'docs/can.md',
@@ -77,7 +79,9 @@ def interfaces(source: str) -> dict[str, set[str]]:
         if isinstance(call, ast.Call):
             name = getattr(call.func, 'attr', getattr(call.func, 'id', ''))
             kind = 'service' if name == 'create_service' else 'topic'
-            if name.startswith(('create_', 'publisher', 'watched_', 'subscribe', 'Command')):
+            if name.startswith(
+                ('create_', 'publisher', 'stop_', 'command_', 'subscribe', 'Command')
+            ):
                 found[kind] |= {each for arg in call.args for each in literal_names(arg)}
     return found
 

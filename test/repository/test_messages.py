@@ -63,7 +63,11 @@ def spoken(node: ast.AST) -> Iterator[str]:
         text = literal(node)
         if text is not None:
             yield text
-    children = node.values if isinstance(node, ast.Dict) else ast.iter_child_nodes(node)
+    children = ast.iter_child_nodes(node)
+    if isinstance(node, ast.Dict):
+        children = iter(node.values)
+    elif isinstance(node, ast.DictComp):
+        children = iter((node.value, *node.generators))
     if not isinstance(node, ast.JoinedStr):
         for child in children:
             yield from spoken(child)

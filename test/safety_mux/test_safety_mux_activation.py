@@ -15,7 +15,7 @@ from std_msgs.msg import Bool, Float64
 from bridge_core import clock
 from safety_mux.outputs import GatedJoy
 from safety_mux.protocol import State
-from stage.fed_mux import SteppedMux
+from stage.fed_mux import StepMux, SteppedMux
 from stage.mux_talkers import sticks
 
 STOP_TIME = 0.5
@@ -40,7 +40,7 @@ class WatchedMux(SteppedMux):
 
     def moving(self) -> None:
         """Drive, and have the joints run on when the operator lets go."""
-        assert self.mux._reset().ok
+        assert self.reset().ok
         self.run(1.5)
         self.joy = sticks(0.5, deadman=True)
         self.run(0.1)
@@ -81,11 +81,11 @@ def test_motion_that_nobody_asked_for_outlasts_other_parameters(
     mux.run(2.0)
     assert mux.all_stop()
     assert 'the joints do not stand' in mux.message()
-    assert not mux.mux._reset().ok
+    assert not mux.reset().ok
     mux.speed = 0.0
     mux.run(2.0)
     assert not mux.all_stop(), 'it ends when the joints stand'
-    assert mux.mux._reset().ok
+    assert mux.reset().ok
 
 
 def test_standstill_that_is_seen_in_time_is_no_fault_with_other_parameters(
@@ -97,7 +97,7 @@ def test_standstill_that_is_seen_in_time_is_no_fault_with_other_parameters(
     mux.speed = 0.0
     mux.run(2.0)
     assert not mux.all_stop()
-    assert mux.mux._reset().ok
+    assert mux.reset().ok
 
 
 @pytest.mark.parametrize('fault', [True, False], ids=['fault', 'awaited'])
@@ -119,16 +119,16 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
     for topic in ('', 'joints', 'others'):
         assert mux.change(**{'feedback.topic': topic})
         mux.run(2.0)
-        assert mux.mux._reset().ok
+        assert mux.reset().ok
         assert mux.run(0.1) is State.READY
 
 
 def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:
     """The mux's thread is held up for longer than a transition waits, and not for a stall."""
-    mux = SteppedMux(context, monkeypatch, stall_limit=1.0, neutral_time=1.0)
-    assert mux.mux._reset().ok
+    mux = step_mux(stall_limit=1.0, neutral_time=1.0)
+    assert mux.reset().ok
     mux.run(1.5)
     mux.joy = sticks(0.5, deadman=True)
     assert mux.run(0.3) is State.ACTIVE
@@ -146,7 +146,6 @@ def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
         each()
     assert mux.mux._last_state is State.STOPPED
     assert mux.run(0.1) is State.STOPPED
-    mux.mux.destroy_node()
 
 
 def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
@@ -198,11 +197,11 @@ class Limited(WatchedMux):
     def fastest(self) -> float:
         """Return how fast a full stick moves the joints."""
         self.run(2.0)
-        assert self.mux._reset().ok
+        assert self.reset().ok
         self.run(1.5)
         self.joy = sticks(1.0, deadman=True)
         assert self.run(1.5) is State.ACTIVE
-        return float(max(map(abs, self.mux._arbiter.limiter.output)))
+        return float(max(map(abs, self.arbiter.limiter.output)))
 
 
 @pytest.mark.parametrize('parameters', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
@@ -246,40 +245,40 @@ def test_two_publishers_outlast_other_parameters(
     monkeypatch.setattr(mux.mux, 'count_publishers', lambda name: 1 + (name == topic))
     for number in (100, 1, 101, 2):
         watches[topic][2].heard(number, clock.now())
-    mux.mux._look_around(clock.now())
+    mux.look_around()
     mux.run(0.1)
     assert 'two live publishers' in mux.message()
     assert mux.change(**parameters)
-    mux.mux._look_around(clock.now())
+    mux.look_around()
     mux.run(4.0)
     assert 'two live publishers' in mux.message()
 
 
 def test_trip_outlasts_other_parameters(mux: WatchedMux) -> None:
-    mux.mux._arbiter.trip(clock.now())
+    mux.arbiter.trip(clock.now())
     assert mux.change(hold_time=0.6)
     mux.run(2.0)
     assert mux.all_stop()
-    assert mux.mux._reset().ok
+    assert mux.reset().ok
     mux.run(0.1)
     assert not mux.all_stop()
 
 
 def test_no_motion_is_left_while_the_joints_stand(mux: WatchedMux) -> None:
-    assert mux.mux._arbiter.motion_left(clock.now()) == ''
+    assert mux.arbiter.motion_left(clock.now()) == ''
 
 
 @pytest.mark.parametrize('changes', [{}, {'hold_time': 0.6}], ids=['as it was', 'changed'])
 def test_script_that_resets_for_ever_resets_nothing_after_an_activation(
     mux: WatchedMux, changes: dict[str, float]
 ) -> None:
-    assert mux.mux._reset().ok
+    assert mux.reset().ok
     for _ in range(3):
         mux.run(1.0)
-        assert 'nothing to reset' in mux.mux._reset().message
+        assert 'nothing to reset' in mux.reset().message
     assert mux.change(**changes)
     for _ in range(4):
         mux.run(1.0)
-        assert 'none counts until there was none' in mux.mux._reset().message
+        assert 'none counts until there was none' in mux.reset().message
     mux.run(mux.mux.values['reset_silence'] + 0.1)
-    assert mux.mux._reset().ok
+    assert mux.reset().ok

@@ -16,9 +16,8 @@ from bridge_core.parameters import ParameterError
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
 from stage.fed_mux import EVERY, FedMux, SteppedMux
-from stage.mux_talkers import MuxBench, sticks
+from stage.mux_talkers import NewMux, sticks
 from stage.rig import Observer
-from stage.talkers import Talker
 
 
 class ButtonMux(SteppedMux):
@@ -39,7 +38,8 @@ class ButtonMux(SteppedMux):
         self._numbers += [0] * (publisher + 1 - len(self._numbers))
         self._numbers[publisher] += 1
         info = {'publication_sequence_number': self._numbers[publisher]}
-        self.mux._on_button(Bool(data=pressed), info)
+        assert self.mux._button is not None
+        self.mux._button.on_message(Bool(data=pressed), info)
 
     def press(self, seconds: float = 0.5) -> State:
         """Press it for a while, release it; return the state after that."""
@@ -104,7 +104,7 @@ def test_button_and_service_are_one_reset(mux: ButtonMux) -> None:
     """Two within clear_time are one that is held, whichever way they come."""
     mux.stop = True
     mux.run(0.1)
-    assert not mux.mux._reset().ok
+    assert not mux.reset().ok
     mux.stop = False
     mux.run(0.1)
     assert mux.press(0.2) is State.STOPPED
@@ -147,7 +147,7 @@ def test_press_that_a_stop_comes_into_while_stopped_is_none(mux: ButtonMux, befo
 def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant_for_it(
     mux: ButtonMux, late: float
 ) -> None:
-    drive = next(t for t in mux.mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = mux.topic('estop.drive.topic')
 
     def stop() -> None:
         drive.take(Bool(data=True), mux.now)
@@ -156,13 +156,13 @@ def test_press_that_began_before_a_stop_between_two_of_its_messages_is_not_meant
 
     mux.run(1.0)
     if late:  # in READY, and nothing was heard of it yet
-        assert mux.mux._reset().ok
+        assert mux.reset().ok
         mux.run(10.0 + EVERY / 2)
         stop()
     mux.button = True
     mux.run(0.2)
     if not late:  # a reset by the service, and the next stop, before its next message
-        assert mux.mux._reset().ok
+        assert mux.reset().ok
         mux.run(0.02)
         stop()
     assert mux.run(1.0) is State.STOPPED
@@ -240,9 +240,9 @@ def test_button_on_the_topic_of_another_input_is_refused(context: Any) -> None:
         FedMux(context, reset_topic='esi_drive_bridge/estop')
 
 
-def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
-    bench = MuxBench(observer, reset_topic='button')
-    button = Talker(observer, Bool, f'{bench.space}/button', Bool(data=False))
+def test_button_on_a_topic_resets_the_node(observer: Observer, new_mux: NewMux) -> None:
+    bench = new_mux(reset_topic='button')
+    button = bench.talker(Bool, 'button', Bool(data=False))
     pressed_at = -math.inf
 
     def press() -> bool:
@@ -254,12 +254,8 @@ def test_button_on_a_topic_resets_the_node(observer: Observer) -> None:
         button.message = Bool(data=clock.now() < pressed_at + 0.4)
         return bench.says('READY')
 
-    try:
-        bench.wait(press, 'READY', 20.0)
-        bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
-    finally:
-        button.leave()
-        bench.close()
+    bench.wait(press, 'READY', 20.0)
+    bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
 
 
 def test_publishers_of_a_remapped_button_are_counted(

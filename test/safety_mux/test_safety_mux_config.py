@@ -11,7 +11,7 @@ import pytest
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
+from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 REMOTE = Operator('remote', priority=1)
 GATE = EStopSource('gate')

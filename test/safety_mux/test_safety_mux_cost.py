@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from safety_mux.protocol import EStopSource, MuxConfig, Operator, OperatorSample
+from safety_mux.protocol import OperatorSample
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 from stage.safety_mux_bench import Bench
 
 

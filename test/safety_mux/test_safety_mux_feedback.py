@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 import pytest
 
 from safety_mux.feedback import FeedbackInput
-from safety_mux.protocol import Feedback
+from safety_mux.settings import Feedback
 
 speeds = st.sampled_from([0.0, 0.05, 0.3, 0.7, 3.0])
 steps = st.tuples(

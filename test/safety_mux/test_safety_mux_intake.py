@@ -9,7 +9,7 @@ import math
 from types import SimpleNamespace
 from typing import Any, cast
 
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 import pytest
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64
@@ -18,7 +18,7 @@ from bridge_core.parameters import MANAGED_PARAMETERS, ParameterError, resolve
 from safety_mux.configuration import joint_limits
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import State
+from safety_mux.protocol import OperatorSample, State
 from stage.mux_talkers import sticks
 
 EVERYTHING = {
@@ -91,14 +91,6 @@ def test_all_that_is_configured_is_listened_to_and_own_stops_first() -> None:
     ]
 
 
-def test_each_of_several_drives_is_listened_to() -> None:
-    fed = Fed({}, drive_enabled_topic='', estop__drive__enabled_topic='/drive/enabled')
-    (drive,) = (each for each in fed.intake.topics() if each.kind == 'drive')
-    assert (drive.parameter, drive.name) == ('estop.drive.enabled_topic', 'drive')
-    message = Bool(data=True)
-    assert fed.take(drive.parameter, message) == (False, [('drive_enabled', 'drive', True, 3.0)])
-
-
 def test_one_drive_and_several_are_not_both_there() -> None:
     with pytest.raises(ParameterError, match="drive_enabled_topic must be ''"):
         Fed({}, estop__drive__enabled_topic='/drive/enabled')
@@ -115,17 +107,64 @@ def test_operator_of_the_arbiter_is_the_one_of_the_parameters() -> None:
     assert fed.real.config is fed.intake.config
 
 
-@pytest.mark.parametrize('value', [True, False])
-def test_message_of_one_value_is_told_with_its_time(value: bool) -> None:
-    fed = Fed()
-    fed.decided(State.ACTIVE)
-    message = Bool(data=value)
-    assert fed.take('estop.fort.topic', message)[1] == [('estop_message', 'fort', value, 3.0)]
-    own = [('own_estop_message', 'fort', value, 3.0)]
-    assert fed.take('estop.fort.own_topic', message) == (False, own)
-    assert fed.take('drive_enabled_topic', message) == (False, [('drive_enabled', '', value, 3.0)])
-    limit = [('speed_limit', 'zone', 0.25, 3.0)]
-    assert fed.take('speed_limit.zone.topic', Float64(data=0.25)) == (False, limit)
+def twist(speed: float, turn: float) -> Twist:
+    return Twist(linear=Vector3(x=speed), angular=Vector3(z=turn))
+
+
+def joints(**fields: list[float]) -> JointState:
+    return JointState(name=['right', 'other', 'left'], **fields)
+
+
+BOTH = JointState(name=['left', 'right'], velocity=[1.0, 2.0], effort=[3.0, 4.0])
+NAMED = {'autonomy__type': 'JointState'}
+EFFORT = {**NAMED, 'interface': 'effort', 'feedback__topic': '', **numbers('left', 'right')}
+TWIST = {'output': 'twist', 'joints': ['linear', 'angular'], 'feedback__topic': ''}
+TWIST |= numbers('linear', 'angular')
+DRIVES = {'drive_enabled_topic': '', 'estop__drive__enabled_topic': '/drive/enabled'}
+JOY = sticks(0.5, deadman=True)
+HELD = OperatorSample(False, True, ((0.5 - 0.05) / (1.0 - 0.05) * 10.0,) * 2)
+NO_STAMP = ('set_invalid', 'operator', 'fort', 'stamps', None)
+
+
+@pytest.mark.parametrize(
+    ('topic', 'message', 'told', 'given'),
+    [
+        ('estop.fort.own_topic', Bool(data=True), ('own_estop_message', 'fort', True), {}),
+        ('estop.fort.topic', Bool(data=False), ('estop_message', 'fort', False), {}),
+        ('drive_enabled_topic', Bool(data=True), ('drive_enabled', '', True), {}),
+        ('estop.drive.enabled_topic', Bool(), ('drive_enabled', 'drive', False), DRIVES),
+        ('speed_limit.zone.topic', Float64(data=0.25), ('speed_limit', 'zone', 0.25), {}),
+        ('feedback.topic', joints(velocity=[2.0, 9.0, 1.0]), ('measured', (1.0, 2.0)), {}),
+        ('feedback.topic', joints(velocity=[2.0]), ('malformed', 'feedback', 'feedback'), {}),
+        ('operator.fort.topic', JOY, ('operator_sample', 'fort', HELD), {}),
+        ('operator.fort.topic', Joy(axes=[0.0]), ('malformed', 'operator', 'fort'), {}),
+        ('autonomy.topic', twist(1.0, 0.0), ('autonomy_command', (10.0, 10.0)), {}),
+        ('autonomy.topic', twist(0.0, 1.0), ('autonomy_command', (-2.5, 2.5)), {}),
+        ('autonomy.topic', twist(math.nan, 0.0), ('malformed', 'autonomy', 'autonomy'), {}),
+        ('autonomy.topic', twist(1.0, 0.5), ('autonomy_command', (1.0, 0.5)), TWIST),
+        (
+            'autonomy.topic',
+            TwistStamped(twist=twist(1.0, 0.0)),
+            ('autonomy_command', (10.0, 10.0)),
+            {'autonomy__type': 'TwistStamped'},
+        ),
+        ('autonomy.topic', BOTH, ('autonomy_command', (1.0, 2.0)), NAMED),
+        ('autonomy.topic', BOTH, ('autonomy_command', (3.0, 4.0)), EFFORT),
+        ('autonomy.topic', joints(), ('malformed', 'autonomy', 'autonomy'), NAMED),
+    ],
+)
+def test_message_is_told_with_its_time(
+    topic: str, message: Any, told: tuple[Any, ...], given: dict[str, Any]
+) -> None:
+    fed = Fed(**given)
+    _, found = fed.take(topic, message)
+    found = [each for each in found if each != NO_STAMP]
+    assert len(found) == 1
+    name, *arguments = found[0]
+    assert (name, arguments[-1]) == (told[0], 3.0)
+    expected = [pytest.approx(each) if isinstance(each, tuple) else each for each in told[1:]]
+    assert arguments[: len(expected)] == expected
+    assert fed.heard == ([('fort', JOY)] if message is JOY else [])
 
 
 @pytest.mark.parametrize('state', State)
@@ -147,34 +186,6 @@ def test_deadman_that_its_owner_releases_is_decided_on_at_once() -> None:
         assert fed.take('operator.fort.topic', held)[0] is False
 
 
-def test_joy_is_told_as_a_sample_and_heard() -> None:
-    fed = Fed()
-    joy = sticks(0.5, deadman=True)
-    _, told = fed.take('operator.fort.topic', joy)
-    assert told == [
-        ('set_invalid', 'operator', 'fort', 'stamps', None),
-        (
-            'operator_sample',
-            'fort',
-            fed.intake.mappings['fort'].sample(joy.axes, joy.buttons),
-            3.0,
-        ),
-    ]
-    assert fed.heard == [('fort', joy)]
-
-
-def test_malformed_joy_is_told_as_such_and_heard_by_nobody() -> None:
-    fed = Fed()
-    fed.decided(State.ACTIVE, 'fort')
-    at_once, told = fed.take('operator.fort.topic', Joy(axes=[0.0], buttons=[0]))
-    ((_, *stamps), (name, kind, operator, why, now)) = told
-    assert (name, kind, operator, now) == ('malformed', 'operator', 'fort', 3.0)
-    assert 'axes' in why
-    assert stamps[-1] is None
-    assert at_once is False
-    assert not fed.heard
-
-
 def test_stamp_that_stands_still_makes_an_operator_invalid_where_it_must_move() -> None:
     fed = Fed(operator__fort__require_moving_stamps=True)
     joy = sticks()
@@ -186,69 +197,11 @@ def test_stamp_that_stands_still_makes_an_operator_invalid_where_it_must_move() 
     assert fed.take('operator.fort.topic', joy, 60.1)[1][0][-1] is None
 
 
-def test_feedback_is_told_by_joint() -> None:
-    fed = Fed()
-    message = JointState(name=['right', 'other', 'left'], velocity=[2.0, 9.0, 1.0])
-    assert fed.take('feedback.topic', message) == (False, [('measured', (1.0, 2.0), 3.0)])
-    message.name[0] = 'wrong'
-    at_once, ((name, kind, _, why, now),) = fed.take('feedback.topic', message)
-    assert (at_once, name, kind, now) == (False, 'malformed', 'feedback', 3.0)
-    assert 'right' in why
-
-
-def twist(speed: float, turn: float) -> Twist:
-    result = Twist()
-    result.linear.x, result.angular.z = speed, turn
-    return result
-
-
-def test_twist_turns_the_joints_of_a_differential_drive() -> None:
-    assert Fed().take('autonomy.topic', twist(1.0, 0.0)) == (
-        False,
-        [('autonomy_command', (pytest.approx(10.0), pytest.approx(10.0)), 3.0)],
-    )
-    _, ((_, (left, right), _),) = Fed().take('autonomy.topic', twist(0.0, 1.0))
-    assert -left == right == pytest.approx(2.5)
-
-
-def test_twist_as_output_stays_speed_and_turn() -> None:
-    base = {**EVERYTHING, **numbers('linear', 'angular')}
-    fed = Fed(base, output='twist', joints=['linear', 'angular'], feedback__topic='')
-    _, told = fed.take('autonomy.topic', twist(1.0, 0.5))
-    assert told == [('autonomy_command', (1.0, 0.5), 3.0)]
-
-
-def test_stamped_twist_is_read_within() -> None:
-    fed = Fed(autonomy__type='TwistStamped')
-    assert fed.topics['autonomy.topic'].type == 'TwistStamped'
-    _, told = fed.take('autonomy.topic', TwistStamped(twist=twist(1.0, 0.0)))
-    assert told[0][1] == (pytest.approx(10.0), pytest.approx(10.0))
-
-
-@pytest.mark.parametrize('interface', ['velocity', 'effort'])
-def test_joint_state_is_read_where_the_interface_says(interface: str) -> None:
-    base = {**EVERYTHING, **numbers('left', 'right')}
-    fed = Fed(base, autonomy__type='JointState', interface=interface, feedback__topic='')
-    values = {'velocity': [1.0, 2.0], 'effort': [3.0, 4.0]}
-    message = JointState(name=['left', 'right'], **values)
-    _, told = fed.take('autonomy.topic', message)
-    assert told == [('autonomy_command', tuple(values[interface]), 3.0)]
-
-
 @pytest.mark.parametrize(('interface', 'together'), [('velocity', True), ('effort', False)])
 def test_velocities_grow_together_and_torques_do_not(interface: str, together: bool) -> None:
     given = {'interface': interface, **numbers('left', 'right')}
     limits = joint_limits(resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given))
     assert [limit.together for limit in limits] == [together, together]
-
-
-def test_malformed_autonomy_is_told_as_such() -> None:
-    fed = Fed(autonomy__type='JointState')
-    at_once, ((name, kind, _, why, now),) = fed.take('autonomy.topic', JointState(name=['left']))
-    assert (at_once, name, kind, now) == (False, 'malformed', 'autonomy', 3.0)
-    assert why
-    endless = twist(math.nan, 0.0)
-    assert Fed().take('autonomy.topic', endless)[1][0][:2] == ('malformed', 'autonomy')
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,22 @@ import pytest
 from safety_mux.limits import JointLimit, JointLimiter
 
 LIMIT = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0)
+EASED = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0, jerk=4.0)
+WEAK = JointLimit(magnitude=4.0, acceleration=4.0, deceleration=1.0)  # its ramp has to be steeper
+WHEEL = JointLimit(magnitude=10.0, acceleration=20.0, deceleration=40.0)
+SLOW = JointLimit(magnitude=10.0, acceleration=5.0, deceleration=8.0)
+FAST = JointLimit(10.0, 1e3, 1e3)
+MAST, HALF = JointLimit(1.0, 1e3, 1e3, 'mast'), JointLimit(0.5, 100.0, 100.0, 'mast')
+LIMITS = {
+    'LIMIT': LIMIT,
+    'EASED': EASED,
+    'WEAK': WEAK,
+    'WHEEL': WHEEL,
+    'SLOW': SLOW,
+    'FAST': FAST,
+    'MAST': MAST,
+    'HALF': HALF,
+}
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -19,36 +35,72 @@ def limiter(*limits: JointLimit, max_dt: float = 1.0) -> JointLimiter:
     return JointLimiter(limits or (LIMIT,), max_dt=max_dt)
 
 
-def test_growing_keeps_to_the_acceleration_and_shrinking_to_the_deceleration() -> None:
-    limited = limiter()
-    assert [limited.step((4.0,), 0.5) for _ in range(5)] == [
-        (1.0,),
-        (2.0,),
-        (3.0,),
-        (4.0,),
-        (4.0,),
-    ]
-    assert limited.step((0.0,), 0.25) == (2.0,)
-    assert limited.step((1.5,), 0.25) == (1.5,)
+# By the names of the limits above: steps 'TARGETS in DT: OUTPUTS', 'ramp in DT of STOP_TIME:
+# OUTPUTS', 'reset', in order.
+STORIES = {
+    'acceleration, then deceleration': """LIMIT; 4 in .5: 1; 4 in .5: 2; 4 in .5: 3; 4 in .5: 4;
+        4 in .5: 4; 0 in .25: 2; 1.5 in .25: 1.5""",
+    'a change of sign stops at zero first': 'LIMIT; -4 in 1: -2; 4 in 1: 0; 4 in 1: 2',
+    'each group by its own': 'LIMIT HALF; 4 -4 in .5: 1 -.5',
+    'beyond one joint the curve stays': """FAST FAST MAST FAST;
+        12.5 17.5 -3 inf in 1: 7.142857142857143 10 -1 0""",
+    'no number is zero': """LIMIT; 1 in 1: 1; nan in 1: 0; 1 in 1: 1; inf in 1: 0; 1 in 1: 1;
+        -inf in 1: 0""",
+    'time that does not pass changes nothing': """LIMIT; 1 in 1: 1; 4 in 0: 1; 4 in -1: 1;
+        4 in -inf: 1; 4 in nan: 1; ramp in 0 of .5: 1; ramp in -1 of .5: 1;
+        ramp in nan of .5: 1""",
+    'a reset is zero at once and leaves no ramp': 'LIMIT; 4 in 1: 2; reset; 4 in .5: 1',
+    'a ramp is in time where the deceleration is not': """WEAK; 4 in 1: 4; ramp in .25 of 1: 3;
+        ramp in .25 of 1: 2; ramp in .25 of 1: 1; ramp in .25 of 1: 0""",
+    'a ramp ends sooner with the deceleration': """LIMIT; 2 in 1: 2; ramp in .125 of 1: 1;
+        ramp in .125 of 1: 0""",
+    'a late step still ends a ramp in time': """WEAK; -4 in 1: -4; ramp in .25 of 1: -3;
+        ramp in inf of 1: 0""",
+    'each ramp has slopes of its own': """WEAK; 4 in 1: 4; ramp in .25 of 1: 3; 0 in 1: 2;
+        ramp in .25 of 1: 1.5""",
+    'a ramp without time is zero at once': """WEAK; 4 in 1: 4; ramp in .01 of 0: 0; 4 in 1: 4;
+        ramp in .01 of -1: 0""",
+    'a stop in a curve is that of each joint': 'WHEEL WHEEL; 2 10 in 1: 2 10; 0 0 in .05: 0 8',
+    'who brakes holds no other back': 'WHEEL WHEEL; 5 5 in 1: 5 5; -5 10 in .1: 1 7',
+    'growth amid a curve takes the same share': """WHEEL SLOW; 4 0 in 1: 4 0;
+        6 1 in .01: 4.1 .05""",
+    'who has no number holds no other back': """WHEEL SLOW; inf 1 in .1: 0 .5; 4 .5 in 1: 4 .5;
+        inf 1 in .01: 3.6 .55""",
+    'without a jerk beside one it is as ever': """EASED LIMIT; 4 4 in .125: .0625 .25;
+        4 4 in .125: .1875 .5; 4 4 in .125: .375 .75""",
+    'the least of steps in no time is none': 'EASED; 5e-324 in 0: 0',
+}
 
 
-def test_change_of_sign_stops_at_zero_first() -> None:
-    limited = limiter()
-    limited.step((-4.0,), 1.0)
-    assert limited.output == (-2.0,)
-    assert limited.step((4.0,), 1.0) == (0.0,)
-    assert limited.step((4.0,), 1.0) == (2.0,)
+@pytest.mark.parametrize('name', STORIES)
+def test_output_of_each_step(name: str) -> None:
+    names, *steps = STORIES[name].split(';')
+    limited = limiter(*(LIMITS[each] for each in names.split()))
+    for step in steps:
+        what, _, outputs = step.partition(':')
+        words, _, times = what.strip().partition(' in ')
+        dt, *of = [float(each) for each in times.split(' of ') if each] or [0.0]
+        if words == 'reset':
+            limited.reset()
+        elif of:
+            limited.ramp(dt, *of)
+        else:
+            limited.step([float(each) for each in words.split()], dt)
+        expected = [float(each) for each in outputs.split()] or [0.0]
+        assert limited.output == pytest.approx(expected, rel=1e-12), step
 
 
-def test_joints_of_two_groups_are_limited_each_by_its_own() -> None:
-    limited = limiter(LIMIT, JointLimit(0.5, 100.0, 100.0, 'mast'))
-    assert limited.step((4.0, -4.0), 0.5) == (1.0, -0.5)
+@pytest.mark.parametrize('dt', [10.0, 1e300, math.inf])
+def test_late_step_does_not_jump(dt: float) -> None:
+    assert limiter(max_dt=0.1).step((4.0,), dt) == (0.2,)
+    assert JointLimiter([LIMIT]).step((4.0,), dt) == (0.2,)
 
 
-def test_demand_beyond_one_joint_keeps_the_curve() -> None:
-    wheel = JointLimit(10.0, 1e3, 1e3)
-    limited = limiter(wheel, wheel, JointLimit(1.0, 1e3, 1e3, 'mast'), wheel)
-    assert limited.step((12.5, 17.5, -3.0, math.inf), 1.0) == (50.0 / 7.0, 10.0, -1.0, 0.0)
+def test_growth_from_a_demand_that_was_reached_begins_without_acceleration() -> None:
+    limited = limiter(EASED)
+    while limited.output != (1.0,):
+        limited.step((1.0,), 0.125)
+    assert limited.step((4.0,), 0.125) == (1.0625,)
 
 
 def test_reduced_demand_is_not_beyond_the_limit_by_its_rounding() -> None:
@@ -78,62 +130,6 @@ def test_every_group_keeps_its_proportion_and_reaches_a_limit(
             assert abs(value) <= most
 
 
-@pytest.mark.parametrize('target', [math.nan, math.inf, -math.inf])
-def test_target_that_is_no_number_counts_as_zero(target: float) -> None:
-    limited = limiter()
-    limited.step((1.0,), 1.0)
-    assert limited.step((target,), 1.0) == (0.0,)
-
-
-@pytest.mark.parametrize('dt', [0.0, -1.0, -math.inf, math.nan])
-def test_time_that_does_not_pass_changes_nothing(dt: float) -> None:
-    limited = limiter()
-    limited.step((1.0,), 1.0)
-    assert limited.step((4.0,), dt) == (1.0,)
-    assert limited.ramp(dt, 0.5) == (1.0,)
-
-
-@pytest.mark.parametrize('dt', [10.0, 1e300, math.inf])
-def test_late_step_does_not_jump(dt: float) -> None:
-    assert limiter(max_dt=0.1).step((4.0,), dt) == (0.2,)
-    assert JointLimiter([LIMIT]).step((4.0,), dt) == (0.2,)
-
-
-def test_reset_is_zero_at_once_and_leaves_no_ramp() -> None:
-    limited = limiter()
-    limited.step((4.0,), 1.0)
-    limited.reset()
-    assert limited.output == (0.0,)
-    assert limited.step((4.0,), 0.5) == (1.0,)
-
-
-def test_ramp_ends_in_time_where_the_deceleration_would_not() -> None:
-    limited = limiter(JointLimit(4.0, 4.0, 1.0))
-    limited.step((4.0,), 1.0)
-    assert [limited.ramp(0.25, 1.0) for _ in range(4)] == [(3.0,), (2.0,), (1.0,), (0.0,)]
-
-
-def test_ramp_ends_sooner_with_the_deceleration() -> None:
-    limited = limiter()
-    limited.step((2.0,), 1.0)
-    assert [limited.ramp(0.125, 1.0) for _ in range(2)] == [(1.0,), (0.0,)]
-
-
-def test_late_step_on_the_ramp_still_ends_it_in_time() -> None:
-    limited = limiter(JointLimit(4.0, 4.0, 1.0))
-    limited.step((-4.0,), 1.0)
-    assert limited.ramp(0.25, 1.0) == (-3.0,)
-    assert limited.ramp(math.inf, 1.0) == (0.0,)
-
-
-def test_each_ramp_has_slopes_of_its_own() -> None:
-    limited = limiter(JointLimit(4.0, 4.0, 1.0))
-    limited.step((4.0,), 1.0)
-    assert limited.ramp(0.25, 1.0) == (3.0,)
-    assert limited.step((0.0,), 1.0) == (2.0,)
-    assert limited.ramp(0.25, 1.0) == (1.5,)
-
-
 def test_no_zero_is_negative() -> None:
     """Who reads it as text, or divides by it, would take it for the other way."""
     limited = limiter()
@@ -143,17 +139,8 @@ def test_no_zero_is_negative() -> None:
     assert str(limited.step((-0.0,), 1.0)) == '(0.0,)'
 
 
-@pytest.mark.parametrize('stop_time', [0.0, -1.0])
-def test_ramp_without_time_is_zero_at_once(stop_time: float) -> None:
-    limited = limiter()
-    limited.step((4.0,), 1.0)
-    assert limited.ramp(0.01, stop_time) == (0.0,)
-
-
 # Joints together.
 
-WHEEL = JointLimit(magnitude=10.0, acceleration=20.0, deceleration=40.0)
-SLOW = JointLimit(magnitude=10.0, acceleration=5.0, deceleration=8.0)
 pairs = st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 
 
@@ -198,18 +185,6 @@ def test_joint_beside_others_is_never_faster_than_alone_and_brakes_as_fast(
                 assert value == pytest.approx(most), 'braking waits for nobody'
 
 
-def test_stop_in_a_curve_is_that_of_each_joint() -> None:
-    limited = limiter(WHEEL, WHEEL)
-    limited.step((2.0, 10.0), 1.0)
-    assert limited.step((0.0, 0.0), 0.05) == (0.0, 8.0)
-
-
-def test_joint_that_brakes_holds_no_other_back() -> None:
-    limited = limiter(WHEEL, WHEEL)
-    limited.step((5.0, 5.0), 1.0)
-    assert limited.step((-5.0, 10.0), 0.1) == (1.0, 7.0)
-
-
 @pytest.mark.parametrize(
     'slow',
     [
@@ -224,20 +199,6 @@ def test_joint_of_another_group_a_torque_and_one_with_a_jerk_grow_by_themselves(
     assert limiter(WHEEL, slow).step((10.0, 10.0), 0.1) == pytest.approx((2.0, 0.5))
 
 
-def test_growth_amid_a_curve_takes_the_same_share_of_what_is_left() -> None:
-    limited = limiter(WHEEL, SLOW)
-    limited.step((4.0, 0.0), 1.0)
-    assert limited.output == (4.0, 0.0)
-    assert limited.step((6.0, 1.0), 0.01) == pytest.approx((4.1, 0.05))
-
-
-def test_joint_without_a_demand_that_is_a_number_holds_no_other_back() -> None:
-    limited = limiter(WHEEL, SLOW)
-    assert limited.step((math.inf, 1.0), 0.1) == (0.0, 0.5)
-    limited.step((4.0, 0.5), 1.0)
-    assert limited.step((math.inf, 1.0), 0.01) == pytest.approx((3.6, 0.55))
-
-
 def test_no_zero_of_several_is_negative() -> None:
     values = limiter(WHEEL, SLOW).step((-1.0, -1.0), 0.0)
     assert [math.copysign(1.0, value) for value in values] == [1.0, 1.0]
@@ -245,7 +206,6 @@ def test_no_zero_of_several_is_negative() -> None:
 
 # Jerk.
 
-EASED = JointLimit(magnitude=4.0, acceleration=2.0, deceleration=8.0, jerk=4.0)
 jerks = st.floats(0.5, 1e4)
 steps_of = st.floats(0.005, 0.1)
 
@@ -323,26 +283,6 @@ def test_growth_after_a_stop_begins_without_acceleration() -> None:
         end()
         assert limited.output == (0.0,)
         assert limited.step((4.0,), 0.125) == (0.0625,)
-
-
-def test_growth_from_a_demand_that_was_reached_begins_without_acceleration() -> None:
-    limited = limiter(EASED)
-    for _ in range(100):
-        limited.step((1.0,), 0.125)
-    assert limited.output == (1.0,)
-    assert limited.step((4.0,), 0.125) == (1.0625,)
-
-
-def test_least_of_steps_in_no_time_is_none() -> None:
-    limited = limiter(JointLimit(4.0, 2.0, 8.0, jerk=1e9))
-    assert limited.step((5e-324,), 0.0) == (0.0,)
-
-
-def test_joint_without_jerk_beside_one_with_it_is_as_ever() -> None:
-    limited = limiter(EASED, LIMIT)
-    outputs = [limited.step((4.0, 4.0), 0.125) for _ in range(3)]
-    assert [plain for _, plain in outputs] == [0.25, 0.5, 0.75]
-    assert [eased for eased, _ in outputs] == [0.0625, 0.1875, 0.375]
 
 
 @pytest.mark.parametrize('value', [-1.0, math.nan, math.inf])

@@ -20,6 +20,7 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter as Setting
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, Joy
@@ -34,9 +35,10 @@ from safety_mux.listening import ESTOP_QOS
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import Decision, State
 from stage.endings import each_ending
-from stage.fed_mux import FedMux, LIMIT, SteppedMux, TICK
+from stage.fed_mux import FedMux, LIMIT, StepMux, TICK
 from stage.mux_talkers import (
     MuxBench,
+    NewMux,
     SILENCE_STOPS_WITHIN,
     sticks,
     TIMEOUT,
@@ -73,32 +75,29 @@ def mux(shared: MuxBench) -> MuxBench:
     return shared
 
 
-def test_status_from_the_start_says_what_is_missing(observer: Observer) -> None:
-    mux = MuxBench(observer)
-    try:
-        for talker in (mux.fort_estop, mux.drive_estop, mux.drive_enabled, mux.joy):
-            talker.pause()
-        mux.wait(
-            lambda: mux.explains("e-stop source 'fort'", "e-stop source 'drive'", 'call ~/reset'),
-            'the reasons',
-        )
-        assert mux.status.last.level == DiagnosticStatus.WARN
-        mux.wait(lambda: mux.estop.data and mux.enable.data, 'stop and enable')
-        assert mux.estop.data[0] is True
-        assert not any(mux.enable.data)
-        values = values_of(mux.status.last)
-        assert values['state'] == 'STOPPED'
-        assert values['owner'] == 'none'
-        assert values['stopped by'] == 'none'
-        assert values['stops clear'] == values['trip active'] == 'false'
-        assert values['operators at rest'] == 'true'  # none is heard
-        assert values['drive enabled'] == 'false'
-        assert values["condition of e-stop source 'fort'"] == 'silent'
-        assert values["condition of operator 'fort'"] == 'silent'
-        assert "age of e-stop source 'fort' (s)" in values
-        assert 'the mux has started' in values['last transition']
-    finally:
-        mux.close()
+def test_status_from_the_start_says_what_is_missing(new_mux: NewMux) -> None:
+    mux = new_mux()
+    for talker in (mux.fort_estop, mux.drive_estop, mux.drive_enabled, mux.joy):
+        talker.pause()
+    mux.wait(
+        lambda: mux.explains("e-stop source 'fort'", "e-stop source 'drive'", 'call ~/reset'),
+        'the reasons',
+    )
+    assert mux.status.last.level == DiagnosticStatus.WARN
+    mux.wait(lambda: mux.estop.data and mux.enable.data, 'stop and enable')
+    assert mux.estop.data[0] is True
+    assert not any(mux.enable.data)
+    values = values_of(mux.status.last)
+    assert values['state'] == 'STOPPED'
+    assert values['owner'] == 'none'
+    assert values['stopped by'] == 'none'
+    assert values['stops clear'] == values['trip active'] == 'false'
+    assert values['operators at rest'] == 'true'  # none is heard
+    assert values['drive enabled'] == 'false'
+    assert values["condition of e-stop source 'fort'"] == 'silent'
+    assert values["condition of operator 'fort'"] == 'silent'
+    assert "age of e-stop source 'fort' (s)" in values
+    assert 'the mux has started' in values['last transition']
 
 
 def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
@@ -115,15 +114,14 @@ def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
     mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
 
 
-def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer: Observer) -> None:
-    mux = MuxBench(
-        observer,
+def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(new_mux: NewMux) -> None:
+    mux = new_mux(
         feedback__topic='joint_states',
         feedback__timeout=TIMEOUT,
         feedback__overspeed_tolerance=5.0,  # or that stops it, if the sticks come late
     )
     still = JointState(name=['mast', 'right', 'left'], velocity=[9.0, 0.0, 0.0])
-    joints = Talker(observer, JointState, f'{mux.space}/joint_states', still)
+    joints = mux.talker(JointState, 'joint_states', still)
     moves = JointState(name=['right', 'left'], velocity=[3.1, 3.0])
 
     def stopped() -> dict[str, str] | None:
@@ -140,34 +138,29 @@ def test_machine_that_does_not_stop_when_told_is_a_stop_of_all_devices(observer:
             return None
         return values
 
-    try:
-        mux.active()
-        joints.message = moves
-        values = mux.wait(stopped, 'STOPPED', 20.0)
-        assert mux.explains('the joints do not stand 500 ms after control')
-        assert values['stopped by'] == 'motion'
-        assert 'left at 3.1 rad/s' in values['last transition']
-        assert values['condition of the feedback'] == 'moving'
-        mux.wait(lambda: all(each.last.data for each in mux.stop_demand.values()), 'stop demands')
-        joints.message = still
-        mux.active()
-        joints.message = JointState(name=['right'], velocity=[1.0])
-        mux.stopped_since(time.monotonic())
-        mux.wait(lambda: mux.explains("the feedback is invalid: joint 'left' is not there"), 'why')
-        assert values_of(mux.status.last)['stopped by'] == 'the feedback'
-    finally:
-        joints.leave()
-        mux.close()
+    mux.active()
+    joints.message = moves
+    values = mux.wait(stopped, 'STOPPED', 20.0)
+    assert mux.explains('the joints do not stand 500 ms after control')
+    assert values['stopped by'] == 'motion'
+    assert 'left at 3.1 rad/s' in values['last transition']
+    assert values['condition of the feedback'] == 'moving'
+    mux.wait(lambda: all(each.last.data for each in mux.stop_demand.values()), 'stop demands')
+    joints.message = still
+    mux.active()
+    joints.message = JointState(name=['right'], velocity=[1.0])
+    mux.stopped_since(time.monotonic())
+    mux.wait(lambda: mux.explains("the feedback is invalid: joint 'left' is not there"), 'why')
+    assert values_of(mux.status.last)['stopped by'] == 'the feedback'
 
 
-def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> None:
-    mux = MuxBench(
-        observer,
+def test_slow_zone_slows_the_machine_and_status_says_so(new_mux: NewMux) -> None:
+    mux = new_mux(
         speed_limits=['zone'],
         speed_limit__zone__topic='zone',
         speed_limit__zone__timeout=TIMEOUT,
     )
-    zone = Talker(observer, Float64, f'{mux.space}/zone', Float64(data=1.0))
+    zone = mux.talker(Float64, 'zone', Float64(data=1.0))
 
     def seen(speed: float, *words: str) -> None:
         def is_so() -> bool:
@@ -181,15 +174,11 @@ def test_slow_zone_slows_the_machine_and_status_says_so(observer: Observer) -> N
 
         mux.wait(is_so, f'{speed} rad/s, {words}', 40.0)
 
-    try:
-        mux.active(1.0)
-        seen(10.0)
-        zone.message = Float64(data=0.3)
-        allows = "speed limit 'zone' allows 30 %"
-        seen(3.0, allows, '30 %', f'fort has control; {allows}')
-    finally:
-        zone.leave()
-        mux.close()
+    mux.active(1.0)
+    seen(10.0)
+    zone.message = Float64(data=0.3)
+    allows = "speed limit 'zone' allows 30 %"
+    seen(3.0, allows, '30 %', f'fort has control; {allows}')
 
 
 def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
@@ -309,14 +298,14 @@ def test_diagnostics_carry_the_status_too(mux: MuxBench) -> None:
 
 
 def test_diagnostics_carry_another_level_at_once(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
     mux._publish_diagnostics(stepped.now)
     levels: list[Any] = []
     monkeypatch.setattr(mux, '_diagnostics', Publisher(levels, read=lambda m: m.status[0].level))
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(0.3) is State.READY
     stepped.stop = True
     assert stepped.run(0.3) is State.STOPPED
@@ -324,7 +313,6 @@ def test_diagnostics_carry_another_level_at_once(
     mux._publish_status(stepped.now)
     good, bad = DiagnosticStatus.OK, DiagnosticStatus.WARN
     assert [level for _, level in levels] == [good, bad, bad]
-    mux.destroy_node()
 
 
 # Publishers that cannot be heard, or that say something else.
@@ -380,163 +368,147 @@ rclpy.spin(node)
     ids=['Twist', 'TwistStamped', 'JointState'],
 )
 def test_autonomy_of_each_type_moves_after_it_was_selected(
-    observer: Observer, kind: str, rest: Any, motion: Any
+    observer: Observer, kind: str, rest: Any, motion: Any, new_mux: NewMux
 ) -> None:
     wheels = {} if kind == 'JointState' else WHEELS
     if kind != 'JointState':
         twist = getattr(motion, 'twist', motion)
         # 0.2 m/s on wheels of 0.1 m, and 0.4 rad/s to the left with 0.5 m between them.
         twist.linear.x, twist.angular.z = 0.2, 0.4
-    mux = MuxBench(observer, autonomy__topic='cmd', autonomy__type=kind, **wheels)
-    autonomy = Talker(observer, type(rest), f'{mux.space}/cmd', rest)
-    try:
-        mux.ready()
-        autonomy.message = motion
-        observer.holds_for(lambda: not any(mux.command.last.velocity), 0.3)
-        refused = mux.select_autonomy()
-        assert not refused.success  # it has to have asked for zero
-        autonomy.message = rest
-        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
-        assert mux.select_autonomy().success
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        autonomy.message = motion
-        expected = [1.0, 3.0]  # left, right
-        mux.wait(lambda: list(mux.command.last.velocity) == pytest.approx(expected), f'{expected}')
-        assert mux.select_autonomy(False).success
-        mux.wait(lambda: mux.says('READY') and not any(mux.command.last.velocity), 'READY')
-    finally:
-        autonomy.leave()
-        mux.close()
+    mux = new_mux(autonomy__topic='cmd', autonomy__type=kind, **wheels)
+    autonomy = mux.talker(type(rest), 'cmd', rest)
+    mux.ready()
+    autonomy.message = motion
+    observer.holds_for(lambda: not any(mux.command.last.velocity), 0.3)
+    refused = mux.select_autonomy()
+    assert not refused.success  # it has to have asked for zero
+    autonomy.message = rest
+    mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+    assert mux.select_autonomy().success
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    autonomy.message = motion
+    expected = [1.0, 3.0]  # left, right
+    mux.wait(lambda: list(mux.command.last.velocity) == pytest.approx(expected), f'{expected}')
+    assert mux.select_autonomy(False).success
+    mux.wait(lambda: mux.says('READY') and not any(mux.command.last.velocity), 'READY')
 
 
 # Lifecycle, signals, names.
 
 
 def test_inactive_mux_says_stop_all_the_time_and_activation_is_stopped(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer, autostart=False)
-    try:
-        mux.wait(lambda: len(mux.estop.messages) > 20 and mux.command.messages, 'outputs')
+    mux = new_mux(autostart=False)
+    mux.wait(lambda: len(mux.estop.messages) > 20 and mux.command.messages, 'outputs')
+    assert mux.is_stopped()
+    mux.wait(lambda: mux.explains('the mux is not active'), 'why')
+    assert observer.state(mux.name) == 'unconfigured'
+    assert observer.change_state(mux.name, 'configure')
+    assert observer.change_state(mux.name, 'activate')
+    mux.active()
+    moment = time.monotonic()
+    assert observer.change_state(mux.name, 'deactivate')
+    mux.stopped_since(moment)
+    assert not mux.reset().success
+    since = time.monotonic()
+
+    def repeated() -> bool:
         assert mux.is_stopped()
-        mux.wait(lambda: mux.explains('the mux is not active'), 'why')
-        assert observer.state(mux.name) == 'unconfigured'
-        assert observer.change_state(mux.name, 'configure')
-        assert observer.change_state(mux.name, 'activate')
-        mux.active()
-        moment = time.monotonic()
-        assert observer.change_state(mux.name, 'deactivate')
-        mux.stopped_since(moment)
-        assert not mux.reset().success
-        since = time.monotonic()
+        return all(
+            len(list(record.since(since))) > 10 for record in (mux.estop, mux.enable, mux.command)
+        )
 
-        def repeated() -> bool:
-            assert mux.is_stopped()
-            return all(
-                len(list(record.since(since))) > 10
-                for record in (mux.estop, mux.enable, mux.command)
-            )
-
-        mux.wait(repeated, 'outputs')
-        assert observer.change_state(mux.name, 'activate')  # deadman and stick are still held
-        observer.holds_for(mux.is_stopped, 0.5)
-        mux.joy.message = sticks()
-        mux.active()
-    finally:
-        mux.close()
+    mux.wait(repeated, 'outputs')
+    assert observer.change_state(mux.name, 'activate')  # deadman and stick are still held
+    observer.holds_for(mux.is_stopped, 0.5)
+    mux.joy.message = sticks()
+    mux.active()
 
 
-def test_requests_that_cannot_be_are_refused_and_end_nothing(observer: Observer) -> None:
+def test_requests_that_cannot_be_are_refused_and_end_nothing(
+    observer: Observer, new_mux: NewMux
+) -> None:
     """Of whatever lifecycle manager or tool: rclpy would end the process by them."""
-    mux = MuxBench(observer)
-    try:
-        mux.active()
-        moment = time.monotonic()
-        for number in (1, 3, 99):  # configure, activate, none
-            change = ChangeState.Request()
-            change.transition.id = number
-            reply = observer.call(ChangeState, f'{mux.name}/change_state', change, tries=5)
-            assert not reply.success
-        strange = [Parameter(name='rate', value=ParameterValue(type=77))]
-        for kind, service in (
-            (SetParameters, 'set_parameters'),
-            (SetParametersAtomically, 'set_parameters_atomically'),
-        ):
-            request = kind.Request(parameters=strange)
-            observer.call(kind, f'{mux.name}/{service}', request, tries=5)
-        assert observer.state(mux.name) == 'active'
-        mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
-        assert not any(message.data for _, message in mux.estop.since(moment))
-    finally:
-        mux.close()
+    mux = new_mux()
+    mux.active()
+    moment = time.monotonic()
+    for number in (1, 3, 99):  # configure, activate, none
+        change = ChangeState.Request()
+        change.transition.id = number
+        reply = observer.call(ChangeState, f'{mux.name}/change_state', change, tries=5)
+        assert not reply.success
+    strange = [Parameter(name='rate', value=ParameterValue(type=77))]
+    for kind, service in (
+        (SetParameters, 'set_parameters'),
+        (SetParametersAtomically, 'set_parameters_atomically'),
+    ):
+        request = kind.Request(parameters=strange)
+        observer.call(kind, f'{mux.name}/{service}', request, tries=5)
+    assert observer.state(mux.name) == 'active'
+    mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
+    assert not any(message.data for _, message in mux.estop.since(moment))
 
 
-def test_trip_outlasts_an_activation_with_other_parameters(observer: Observer) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.active()
-        assert mux.trip().success
-        assert observer.change_state(mux.name, 'deactivate')
-        assert observer.set_parameter(mux.name, 'operator.fort.scale', [2.0]) == (True, '')
-        assert observer.change_state(mux.name, 'activate')
-        mux.status.clear()
-        mux.wait(lambda: mux.is_past('is silent'), 'sources that are heard')
-        assert values_of(mux.status.last)['trip active'] == 'true'
-    finally:
-        mux.close()
+def test_trip_outlasts_an_activation_with_other_parameters(
+    observer: Observer, new_mux: NewMux
+) -> None:
+    mux = new_mux()
+    mux.active()
+    assert mux.trip().success
+    assert observer.change_state(mux.name, 'deactivate')
+    assert observer.set_parameter(mux.name, 'operator.fort.scale', [2.0]) == (True, '')
+    assert observer.change_state(mux.name, 'activate')
+    mux.status.clear()
+    mux.wait(lambda: mux.is_past('is silent'), 'sources that are heard')
+    assert values_of(mux.status.last)['trip active'] == 'true'
 
 
 def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.active(1.0)
-        mux.wait(lambda: min(mux.command.last.velocity) > 2.5, 'a speed beyond the limit to come')
-        assert not observer.set_parameter(mux.name, 'joint.left.max', 2.0)[0]
-        assert observer.change_state(mux.name, 'deactivate')
-        button = Talker(observer, Bool, f'{mux.space}/button', Bool(data=False))
-        for name, value in (
-            ('operator.fort.scale', [2.0]),
-            ('joint.left.max', 2.0),
-            ('joint.right.max', 2.0),
-            ('estop.fort.own_topic', ''),  # not that of another node
-            ('estop.fort.topic', f'{mux.space}/button'),
-        ):
-            assert observer.set_parameter(mux.name, name, value) == (True, '')
-        mux.joy.message = sticks()
-        mux.command.clear()
-        assert observer.change_state(mux.name, 'activate')
-        mux.active(1.0)
-        mux.wait(lambda: max(mux.command.last.velocity) == 2.0, 'the new limit')
-        mux.observer.holds_for(lambda: max(mux.command.last.velocity) <= 2.0, 0.5)
-        assert max(max(message.velocity) for message in mux.command.messages) == 2.0
-        button.message = Bool(data=True)  # the topic of before still says clear
-        mux.wait(lambda: mux.says('STOPPED'), 'the stop of the new topic')
-    finally:
-        mux.close()
+    mux = new_mux()
+    mux.active(1.0)
+    mux.wait(lambda: min(mux.command.last.velocity) > 2.5, 'a speed beyond the limit to come')
+    assert not observer.set_parameter(mux.name, 'joint.left.max', 2.0)[0]
+    assert observer.change_state(mux.name, 'deactivate')
+    button = mux.talker(Bool, 'button', Bool(data=False))
+    for name, value in (
+        ('operator.fort.scale', [2.0]),
+        ('joint.left.max', 2.0),
+        ('joint.right.max', 2.0),
+        ('estop.fort.own_topic', ''),  # not that of another node
+        ('estop.fort.topic', f'{mux.space}/button'),
+    ):
+        assert observer.set_parameter(mux.name, name, value) == (True, '')
+    mux.joy.message = sticks()
+    mux.command.clear()
+    assert observer.change_state(mux.name, 'activate')
+    mux.active(1.0)
+    mux.wait(lambda: max(mux.command.last.velocity) == 2.0, 'the new limit')
+    mux.observer.holds_for(lambda: max(mux.command.last.velocity) <= 2.0, 0.5)
+    assert max(max(message.velocity) for message in mux.command.messages) == 2.0
+    button.message = Bool(data=True)  # the topic of before still says clear
+    mux.wait(lambda: mux.says('STOPPED'), 'the stop of the new topic')
 
 
 def test_stop_that_follows_a_stop_is_logged_and_no_reason_is_told_twice(
-    observer: Observer,
+    new_mux: NewMux,
 ) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.active()
-        for talker, name in ((mux.fort_estop, 'fort'), (mux.drive_estop, 'drive')):
-            talker.message = Bool(data=True)
-            line = f"STOPPED: e-stop source '{name}' demands a stop"
-            mux.wait(lambda line=line: line in mux.node.output, f'{line!r} in the log')
-        mux.wait(lambda: mux.explains("'fort' demands a stop", "'drive' demands a stop"), 'both')
-        values = values_of(mux.status.last)
-        texts = [text for key, text in values.items() if key.startswith('inhibit')]
-        assert len(set(texts)) == len(texts)
-        assert '; '.join(texts).count("source 'fort' demands a stop") == 1
-        for talker in (mux.fort_estop, mux.drive_estop):
-            talker.message = Bool(data=False)
-        mux.wait(lambda: "'fort' demands a stop" in mux.why().split(';')[0], 'the former reason')
-    finally:
-        mux.close()
+    mux = new_mux()
+    mux.active()
+    for talker, name in ((mux.fort_estop, 'fort'), (mux.drive_estop, 'drive')):
+        talker.message = Bool(data=True)
+        line = f"STOPPED: e-stop source '{name}' demands a stop"
+        mux.wait(lambda line=line: line in mux.node.output, f'{line!r} in the log')
+    mux.wait(lambda: mux.explains("'fort' demands a stop", "'drive' demands a stop"), 'both')
+    values = values_of(mux.status.last)
+    texts = [text for key, text in values.items() if key.startswith('inhibit')]
+    assert len(set(texts)) == len(texts)
+    assert '; '.join(texts).count("source 'fort' demands a stop") == 1
+    for talker in (mux.fort_estop, mux.drive_estop):
+        talker.message = Bool(data=False)
+    mux.wait(lambda: "'fort' demands a stop" in mux.why().split(';')[0], 'the former reason')
 
 
 def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
@@ -551,57 +523,50 @@ def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
 
 
 @each_ending
-def test_signal_mid_motion_puts_out_a_last_stop(observer: Observer, number: int) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.active()
-        cause = time.monotonic()
-        mux.node.signal(number)
-        mux.wait(lambda: mux.node.process.poll() is not None, 'its end')
-        assert mux.node.process.returncode == 0
-        mux.wait(mux.is_stopped, 'a last stop')
-        assert [e for _, e in mux.estop.since(cause)][-1].data
-    finally:
-        mux.close()
+def test_signal_mid_motion_puts_out_a_last_stop(new_mux: NewMux, number: int) -> None:
+    mux = new_mux()
+    mux.active()
+    cause = time.monotonic()
+    mux.node.signal(number)
+    mux.wait(lambda: mux.node.process.poll() is not None, 'its end')
+    assert mux.node.process.returncode == 0
+    mux.wait(mux.is_stopped, 'a last stop')
+    assert [e for _, e in mux.estop.since(cause)][-1].data
 
 
-def test_restarted_mux_is_stopped_whatever_is_held(observer: Observer) -> None:
-    mux = MuxBench(observer)
-    try:
-        mux.active()
-        assert mux.node.end(SIGTERM) == 0
-        mux.wait(mux.is_stopped, 'the last words of the first')  # later than all that it said
-        moment = time.monotonic()
-        mux.start()
-        mux.wait(
-            lambda: list(mux.enable.since(moment + 0.1)) and list(mux.command.since(moment + 0.1)),
-            'its outputs',
-        )
-        observer.holds_for(lambda: mux.is_stopped() and mux.state.last.data == 'STOPPED', 0.5)
-        mux.joy.message = sticks()
-        mux.active()
-    finally:
-        mux.close()
+def test_restarted_mux_is_stopped_whatever_is_held(observer: Observer, new_mux: NewMux) -> None:
+    mux = new_mux()
+    mux.active()
+    assert mux.node.end(SIGTERM) == 0
+    mux.wait(mux.is_stopped, 'the last words of the first')  # later than all that it said
+    moment = time.monotonic()
+    mux.start()
+    mux.wait(
+        lambda: list(mux.enable.since(moment + 0.1)) and list(mux.command.since(moment + 0.1)),
+        'its outputs',
+    )
+    observer.holds_for(lambda: mux.is_stopped() and mux.state.last.data == 'STOPPED', 0.5)
+    mux.joy.message = sticks()
+    mux.active()
 
 
 # ROS time decides nothing.
 
 
-def test_simulated_time_that_stands_or_jumps_changes_no_stop(observer: Observer) -> None:
-    mux = MuxBench(observer, use_sim_time=True)
+def test_simulated_time_that_stands_or_jumps_changes_no_stop(
+    observer: Observer, new_mux: NewMux
+) -> None:
+    mux = new_mux(use_sim_time=True)
     clock = observer.publisher(Clock, '/clock')
-    try:
-        mux.active()  # before there is any clock
-        for seconds in (10_000, 10_000, 6_400, 13_600, 0, -1):  # on, stands, by an hour, no time
-            clock.publish(Clock(clock=Time(sec=seconds)))
-            observer.holds_for(lambda: mux.state.last.data == 'ACTIVE' or mux.held_up(), 0.1)
-        assert any(mux.command.last.velocity) or mux.held_up()
-        mux.node.wait_output('/clock: Traceback')  # rclpy's own callback knows no such time
-        mux.joy.pause()
-        clock.publish(Clock(clock=Time(sec=1)))
-        mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
-    finally:
-        mux.close()
+    mux.active()  # before there is any clock
+    for seconds in (10_000, 10_000, 6_400, 13_600, 0, -1):  # on, stands, by an hour, no time
+        clock.publish(Clock(clock=Time(sec=seconds)))
+        observer.holds_for(lambda: mux.state.last.data == 'ACTIVE' or mux.held_up(), 0.1)
+    assert any(mux.command.last.velocity) or mux.held_up()
+    mux.node.wait_output('/clock: Traceback')  # rclpy's own callback knows no such time
+    mux.joy.pause()
+    clock.publish(Clock(clock=Time(sec=1)))
+    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
 
 
 def test_status_and_state_reach_who_comes_late(mux: MuxBench) -> None:
@@ -634,7 +599,8 @@ class Publisher:
 
 @pytest.fixture
 def own_mux(context: Any) -> Iterator[SafetyMux]:
-    mux = SafetyMux(context=context, namespace=namespace())
+    gated = Setting('operator.fort.gated_joy', value=True)
+    mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=[gated])
     mux.asked.freeze = FreezeWatch(math.inf, 0.0)  # no executor looks
     mux.autostart()
     yield mux
@@ -646,57 +612,59 @@ def test_stop_goes_out_before_all_else(own_mux: SafetyMux) -> None:
 
     def decide(state: State) -> None:
         moves = state is State.ACTIVE
-        decision = Decision(
-            state, 'fort' if moves else None, moves, (0.0, 0.0), not moves, {'fort': not moves}
-        )
+        owner = 'fort' if moves else None
+        zero = (0.0, 0.0)
+        decision = Decision(state, owner, moves, zero, not moves, {'fort': not moves}, owner)
         own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
         own_mux._tick(clock.now())
 
     def play() -> None:
+        gate = own_mux._gated_joys['fort']
+        gate.hear(sticks(deadman=True))
         decide(State.ACTIVE)
         for name in ('_estop', '_enable', '_state'):
             getattr(own_mux, name).publisher = Publisher(story, name)
         own_mux._stop_demands['fort'].publisher = Publisher(story, 'stop_demand')
+        gate.publisher = Publisher(story, 'joy')
         for name in ('_command', '_status'):
             setattr(own_mux, name, Publisher(story, name))
         decide(State.STOPPED)
 
     own_mux.lane.call(play)
-    names = [name for name, _ in story][:5]
-    assert names == ['_estop', '_enable', '_command', 'stop_demand', '_state']
+    names = [name for name, _ in story][:6]
+    assert names == ['_estop', '_enable', '_command', 'stop_demand', 'joy', '_state']
     assert story[:2] == [('_estop', True), ('_enable', False)]
 
 
 @pytest.mark.parametrize('moments', [(0.003, 0.005), (0.008, 0.012)])  # s; a tick is at 0.01
 def test_stop_that_is_gone_before_the_next_tick_is_demanded_of_the_other_devices(
-    context: Any, monkeypatch: pytest.MonkeyPatch, moments: tuple[float, float]
+    step_mux: StepMux, moments: tuple[float, float]
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(0.1) is State.READY
     began = stepped.now
     story: list[Any] = []
     mux._stop_demands['fort'].publisher = Publisher(story, 'fort')
-    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = stepped.topic('estop.drive.topic')
     for at, value in sorted([(moments[0], True), (moments[1], False), (0.01, None), (0.02, None)]):
         stepped.now = began + at
         if value is None:
             mux._tick(stepped.now)
         elif drive.take(Bool(data=value), stepped.now):
-            mux._decide(stepped.now)
+            stepped.decide()
     assert mux._last_state is State.STOPPED
     assert ('fort', True) in story
     assert story[-1] == ('fort', False)
-    mux.destroy_node()
 
 
 @pytest.mark.parametrize('silence', [LIMIT - 0.1, LIMIT + 0.1])
 def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
-    context: Any, monkeypatch: pytest.MonkeyPatch, silence: float
+    step_mux: StepMux, silence: float
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
-    assert stepped.mux._reset().ok
+    stepped = step_mux()
+    assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
     hear = next(
         each.callback
@@ -711,7 +679,6 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     hear(sticks(0.5, deadman=True), {'publication_sequence_number': 12})
     state = stepped.run(0.02)
     assert state is (State.ACTIVE if silence < LIMIT else State.STOPPED)
-    stepped.mux.destroy_node()
 
 
 @contextlib.contextmanager
@@ -782,11 +749,9 @@ def reset_of(mux: SafetyMux) -> str:
 
 
 def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    step_mux: StepMux,
 ) -> None:
-    stepped = SteppedMux(
-        context, monkeypatch, **{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'}
-    )
+    stepped = step_mux(**{'autonomy.topic': 'plan', 'autonomy.type': 'JointState'})
     mux = stepped.mux
     mux.asked.look()
     stepped.run(5.0)
@@ -803,14 +768,13 @@ def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop
     assert mux.asked.on_select_autonomy(SetBool.Request(), SetBool.Response()).success
     assert mux.asked.on_trip(Trigger.Request(), Trigger.Response()).success
     assert stepped.run(0.02) is State.STOPPED
-    mux.destroy_node()
 
 
 @pytest.mark.parametrize('hang', [4.5, 6.5])
 def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services(
-    context: Any, monkeypatch: pytest.MonkeyPatch, hang: float
+    step_mux: StepMux, hang: float
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     mux = stepped.mux
 
     def go_on(seconds: float) -> None:
@@ -833,17 +797,15 @@ def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services
     for _ in range(8):
         go_on(0.5)
         assert 'resets have been called since before the stop' in reset_of(mux)
-    mux.destroy_node()
 
 
 def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
-    context: Any, monkeypatch: pytest.MonkeyPatch
+    step_mux: StepMux,
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+    stepped = step_mux()
     stepped.mux.asked.look()
     stepped.run(services.LOOK_PERIOD + input_guard._FREEZE - TICK)
     assert reset_of(stepped.mux).startswith('reset: READY')
-    stepped.mux.destroy_node()
 
 
 def test_reset_that_waits_for_services_that_hang_is_not_done(

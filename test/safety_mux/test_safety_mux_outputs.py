@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 import math
 import time
@@ -13,7 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from hypothesis import given, strategies as st
 import pytest
@@ -25,12 +24,12 @@ from std_msgs.msg import Bool, Header
 from bridge_core.lane import owner_of
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
-from safety_mux.protocol import Decision, State
+from safety_mux.protocol import State
 from safety_mux.report import unheard
-from stage.fed_mux import LIMIT, SteppedMux, TICK
-from stage.mux_talkers import MuxBench, sticks
+from stage.fed_mux import LIMIT, StepMux, TICK
+from stage.mux_talkers import NewMux, sticks
 from stage.rig import latched, NodeProcess, Observer
-from stage.talkers import namespace, Talker
+from stage.talkers import namespace
 
 DEADBAND = 0.05
 DEADMAN = 0
@@ -310,17 +309,6 @@ def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
 # The node.
 
 
-@pytest.fixture
-def own_mux(context: Any) -> Iterator[SafetyMux]:
-    mux = SafetyMux(
-        context=context,
-        namespace=namespace(),
-        parameter_overrides=parameters({'operator.fort.gated_joy': True}),
-    )
-    yield mux
-    mux.destroy_node()
-
-
 def parameters(values: dict[str, Any]) -> list[Any]:
     from rclpy.parameter import Parameter
 
@@ -342,52 +330,6 @@ def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(contex
         assert said[-1].axes[1] == 0.0, 'held as control began'
 
 
-def test_zero_and_neutral_go_out_with_the_stop_and_behind_it(
-    own_mux: SafetyMux, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    story: list[str] = []
-
-    class Publisher:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-        def publish(self, message: Any) -> None:
-            story.append(self.name)
-
-    def decide(state: State) -> None:
-        moves = state is State.ACTIVE
-        owner = 'fort' if moves else None
-        decision = Decision(state, owner, moves, (0.0, 0.0), not moves, {}, owner)
-        own_mux._arbiter.tick = lambda now: decision  # type: ignore[method-assign]
-        own_mux._decide(time.monotonic())
-
-    def play() -> None:
-        gate = own_mux._gated_joys['fort']
-        gate.hear(sticks(deadman=True))
-        decide(State.ACTIVE)
-        for each, name in ((own_mux._estop, 'estop'), (own_mux._enable, 'enable'), (gate, 'joy')):
-            each.publisher = Publisher(name)
-        monkeypatch.setattr(own_mux, '_command', Publisher('command'))
-        decide(State.STOPPED)
-        monkeypatch.undo()
-
-    own_mux.lane.call(play)
-    assert story == ['estop', 'enable', 'command', 'joy']
-
-
-def test_words_of_a_device_are_cited_in_part(own_mux: SafetyMux) -> None:
-    device = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
-
-    def said() -> str:
-        now = time.monotonic()
-        own_mux._arbiter.estop_message('fort', True, now)
-        return str(own_mux._status_message(now).message)
-
-    words = DiagnosticStatus(name=device, level=b'\2', message='x' * 300_000)
-    own_mux._on_diagnostics(DiagnosticArray(status=[words]))
-    assert own_mux.lane.call(said).count('x') == pytest.approx(1000, abs=10)
-
-
 QUIET = 'mode is Menu: leave the menu'
 
 
@@ -401,27 +343,23 @@ QUIET = 'mode is Menu: leave the menu'
     ids=['in order', 'a warning', 'nothing to say'],
 )
 def test_operator_without_a_deadman_is_told_what_his_device_says(
-    context: Any, monkeypatch: pytest.MonkeyPatch, level: Any, message: str, words: str
+    step_mux: StepMux, level: Any, message: str, words: str
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch)
-    mux = stepped.mux
-    try:
-        assert mux._reset().ok
-        assert stepped.run(LIMIT + 0.1) is State.READY
-        stepped.says('fort_vsc_bridge', level, message)
-        advice = f"press the deadman of 'fort' to take control{words}"
-        assert advice in stepped.values().values()
-        stepped.run(2.9)
-        assert advice in stepped.values().values()
-        stepped.run(0.2)
-        mux._look_around(stepped.now)  # its node says nothing any more
-        assert "press the deadman of 'fort' to take control" in stepped.values().values()
-        stepped.says('fort_vsc_bridge', level, message)
-        stepped.joy = None  # a device that sends no sticks in such a mode
-        stepped.run(LIMIT + 0.1)
-        assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
-    finally:
-        mux.destroy_node()
+    stepped = step_mux()
+    assert stepped.reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    stepped.says('fort_vsc_bridge', level, message)
+    advice = f"press the deadman of 'fort' to take control{words}"
+    assert advice in stepped.values().values()
+    stepped.run(2.9)
+    assert advice in stepped.values().values()
+    stepped.run(0.2)
+    stepped.look_around()  # its node says nothing any more
+    assert "press the deadman of 'fort' to take control" in stepped.values().values()
+    stepped.says('fort_vsc_bridge', level, message)
+    stepped.joy = None  # a device that sends no sticks in such a mode
+    stepped.run(LIMIT + 0.1)
+    assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
 
 
 @pytest.mark.parametrize(
@@ -435,21 +373,18 @@ def test_operator_without_a_deadman_is_told_what_his_device_says(
     ids=['another', 'a half', 'a switch that is not on', 'none'],
 )
 def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
-    context: Any, monkeypatch: pytest.MonkeyPatch, buttons: Any, given: Any, said: str
+    step_mux: StepMux, buttons: Any, given: Any, said: str
 ) -> None:
-    stepped = SteppedMux(context, monkeypatch, **given)
-    try:
-        assert stepped.mux._reset().ok
-        assert stepped.run(LIMIT + 0.1) is State.READY
-        for button, value in buttons.items():
-            stepped.joy.buttons[button] = value
-        assert stepped.run(0.1) is State.READY
-        assert said in stepped.message()
-        assert ('buttons pressed' in stepped.message()) == bool(said)
-        stepped.run(10.0)  # a switch stays on, and nobody holds it
-        assert 'buttons pressed' not in stepped.message()
-    finally:
-        stepped.mux.destroy_node()
+    stepped = step_mux(**given)
+    assert stepped.reset().ok
+    assert stepped.run(LIMIT + 0.1) is State.READY
+    for button, value in buttons.items():
+        stepped.joy.buttons[button] = value
+    assert stepped.run(0.1) is State.READY
+    assert said in stepped.message()
+    assert ('buttons pressed' in stepped.message()) == bool(said)
+    stepped.run(10.0)  # a switch stays on, and nobody holds it
+    assert 'buttons pressed' not in stepped.message()
 
 
 @pytest.mark.parametrize(
@@ -473,35 +408,30 @@ def test_who_only_looks_at_commands_is_nobody_who_obeys(listeners: list[str], sa
     assert bool(found) == bool(said)
 
 
-def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stepped = SteppedMux(context, monkeypatch)
+def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(step_mux: StepMux) -> None:
+    stepped = step_mux()
     mux = stepped.mux
-    enabled = next(t for t in mux._intake.topics() if t.parameter == 'drive_enabled_topic')
-    try:
-        enabled.take(Bool(data=False), stepped.now)
-        assert mux._reset().ok
-        stepped.run(LIMIT + 0.1)
-        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
-        stepped.joy = sticks(0.5, deadman=True)
-        assert stepped.run(0.1) is State.ACTIVE
-        enabled.take(Bool(data=False), stepped.now)
-        assert 'enable is false' not in stepped.message()  # which it said before it was asked
-        why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
-        stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
-        expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
-        said = stepped.values()['inhibit 1']
-        assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
-        assert said.endswith(f'; its device says: {expected}')
-    finally:
-        mux.destroy_node()
+    enabled = stepped.topic('drive_enabled_topic')
+    enabled.take(Bool(data=False), stepped.now)
+    assert stepped.reset().ok
+    stepped.run(LIMIT + 0.1)
+    stepped.says('esi_drive_bridge', DiagnosticStatus.OK, 'ok; disabled: enable is false')
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.1) is State.ACTIVE
+    enabled.take(Bool(data=False), stepped.now)
+    assert 'enable is false' not in stepped.message()  # which it said before it was asked
+    why = 'ok; disabled: the drive did not become enabled within 1000 ms; try ~/clear_errors'
+    stepped.says('esi_drive_bridge', DiagnosticStatus.OK, why)
+    expected = why.removeprefix('ok; ').replace('~', f'{mux.get_namespace()}/esi_drive_bridge')
+    said = stepped.values()['inhibit 1']
+    assert said.startswith("operator 'fort' waits for the drive to be enabled: ")
+    assert said.endswith(f'; its device says: {expected}')
 
 
 def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    mux = new_mux(operator__fort__gated_joy=True)
     record = observer.record(Joy, f'{mux.name}/joy/fort')
 
     def pushed() -> Joy:
@@ -525,47 +455,41 @@ def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
         mux.wait(lambda: len(record.messages) > 5, 'its repeats')
         assert not any(any(m.axes) or any(m.buttons) for m in record.messages)
 
-    try:
-        mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
-        assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
-        mux.active()
-        is_passed_on()
-        mux.joy.message = pushed()
-        mux.joy.message.buttons[0] = 0  # the deadman alone
-        mux.wait(lambda: mux.says('READY'), 'READY')
-        stays_neutral()
-        mux.joy.message = sticks()
-        mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
-        mux.joy.message = sticks(deadman=True)
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        is_passed_on()
-        mux.fort_estop.publisher.publish(Bool(data=True))
-        mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-        stays_neutral()
-    finally:
-        mux.close()
+    mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
+    assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
+    mux.active()
+    is_passed_on()
+    mux.joy.message = pushed()
+    mux.joy.message.buttons[0] = 0  # the deadman alone
+    mux.wait(lambda: mux.says('READY'), 'READY')
+    stays_neutral()
+    mux.joy.message = sticks()
+    mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    is_passed_on()
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+    stays_neutral()
 
 
 def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
-    observer: Observer,
+    observer: Observer, new_mux: NewMux
 ) -> None:
-    mux = MuxBench(observer, operator__fort__gated_joy=True)
+    mux = new_mux(operator__fort__gated_joy=True)
     record = observer.record(Joy, f'{mux.name}/joy/fort')
     message = sticks(deadman=True)
     message.axes[4] = 0.5
-    try:
-        mux.ready()
-        mux.joy.message = message
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
-        mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
-        assert not any(any(each.axes) for each in record.messages)
-        mux.joy.message = sticks(deadman=True)
-        mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
-        mux.joy.message = message
-        mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
-    finally:
-        mux.close()
+    mux.ready()
+    mux.joy.message = message
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
+    mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
+    assert not any(any(each.axes) for each in record.messages)
+    mux.joy.message = sticks(deadman=True)
+    mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
+    mux.joy.message = message
+    mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
 
 
 # A base controller instead of drives.
@@ -591,87 +515,78 @@ def forward_and_turn(message: Any) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
-def test_operator_drives_a_base_by_forward_and_turn(observer: Observer, output: str) -> None:
-    mux = MuxBench(observer, output=output, **BASE)
-    try:
-        mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
-        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
-        mux.active()
-        mux.joy.message = sticks(1.0, deadman=True)
-        mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
-        mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
-        if output == 'twist_stamped':  # no step, whatever of it has come here
-            ramp = [
-                (Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages
-            ]
-            assert all(
-                x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
-            )
-        topics = dict(observer.node.get_topic_names_and_types())
-        assert f'{mux.name}/command' not in topics
-        (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
-        assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
-        cause = time.monotonic()
-        mux.fort_estop.publisher.publish(Bool(data=True))
-        mux.stopped_since(cause)
-        mux.command.clear()
-        mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
-        assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
-        if output == 'twist_stamped':
-            stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
-            assert all(a < b for a, b in pairwise(stamps))
-            assert mux.command.last.header.frame_id == 'base_link'
-    finally:
-        mux.close()
+def test_operator_drives_a_base_by_forward_and_turn(
+    observer: Observer, output: str, new_mux: NewMux
+) -> None:
+    mux = new_mux(output=output, **BASE)
+    mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
+    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+    mux.active()
+    mux.joy.message = sticks(1.0, deadman=True)
+    mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
+    mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
+    if output == 'twist_stamped':  # no step, whatever of it has come here
+        ramp = [(Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages]
+        assert all(
+            x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
+        )
+    topics = dict(observer.node.get_topic_names_and_types())
+    assert f'{mux.name}/command' not in topics
+    (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
+    assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
+    cause = time.monotonic()
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    mux.stopped_since(cause)
+    mux.command.clear()
+    mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
+    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
+    if output == 'twist_stamped':
+        stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
+        assert all(a < b for a, b in pairwise(stamps))
+        assert mux.command.last.header.frame_id == 'base_link'
 
 
 def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
-    observer: Observer,
+    new_mux: NewMux,
 ) -> None:
-    mux = MuxBench(
-        observer,
+    mux = new_mux(
         output='twist_stamped',
         autonomy__topic='plan',
         autonomy__type='TwistStamped',
         **BASE,
     )
-    plan = Talker(observer, TwistStamped, f'{mux.space}/plan', TwistStamped())
-    try:
-        mux.ready()
-        mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
-        assert mux.select_autonomy().success
-        for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
-            plan.message = TwistStamped(
-                twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
-            )
-            mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
-            assert mux.command.last.header.stamp != Time()  # not the planner's
-        plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
-        mux.stopped_since(time.monotonic())
-    finally:
-        plan.leave()
-        mux.close()
+    plan = mux.talker(TwistStamped, 'plan', TwistStamped())
+    mux.ready()
+    mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+    assert mux.select_autonomy().success
+    for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
+        plan.message = TwistStamped(
+            twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
+        )
+        mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
+        assert mux.command.last.header.stamp != Time()  # not the planner's
+    plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
+    mux.stopped_since(time.monotonic())
 
 
 @pytest.mark.parametrize('category', [0, 1])
 def test_stop_of_a_base_goes_out_before_the_next_decision(
-    context: Any, monkeypatch: pytest.MonkeyPatch, category: int
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux, category: int
 ) -> None:
     parameters = {'output': 'twist', **BASE, 'estop.drive.stop_category': category}
-    stepped = SteppedMux(context, monkeypatch, **parameters)
+    stepped = step_mux(**parameters)
     mux, said = stepped.mux, []
-    assert mux._reset().ok
+    assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
     stepped.joy = sticks(1.0, deadman=True)
     assert stepped.run(1.0) is State.ACTIVE
     command = SimpleNamespace(publish=lambda message: said.append(message.linear.x))
     monkeypatch.setattr(mux, '_command', command)
     stepped.now += TICK / 4
-    drive = next(t for t in mux._intake.topics() if t.parameter == 'estop.drive.topic')
+    drive = stepped.topic('estop.drive.topic')
     assert drive.take(Bool(data=True), stepped.now)
-    mux._decide(stepped.now)
+    stepped.decide()
     monkeypatch.undo()
-    mux.destroy_node()
     assert len(said) == 1
     assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
 

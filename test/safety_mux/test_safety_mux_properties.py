@@ -16,7 +16,8 @@ from hypothesis.stateful import invariant, precondition, rule, RuleBasedStateMac
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import Autonomy, EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
 
 CONFIG = MuxConfig(
     joints=1,

@@ -47,7 +47,8 @@ STOPS = {
     'it stops although the release overtakes it': """active high; high rest; 0.1 s; is READY;
         remote stop!; tick; is STOPPED""",
     'it counts for its timeout after control': """active high; high rest; send; tick; is READY;
-        {0.25- s; remote stop!; tick; is STOPPED|0.25 s; remote stop; 0.5 s; is READY}""",
+        {0.25- s; remote stop!; tick; is STOPPED
+        |0.25 s; remote stop!; tick; is READY; remote stop; 0.5 s; is READY}""",
     'it does although another drove meanwhile': """active high; high rest; 0.06 s; low drive;
         0.06 s; is ACTIVE low; low rest; 0.06 s; is READY; remote stop!; tick; is STOPPED""",
     'it is demanded of the others as long': """active high; remote stop; remote stop!; 0.2 s;
@@ -156,6 +157,8 @@ RESETS = {
         {5- s; is STOPPED; reset no|5 s; is STOPPED; reset}""",
     'a late one resets nothing and is not in vain': """1 s; late no; reply not reset: it may have
         waited; reset""",
+    'a late one is told as late, however soon': """always stop; 1 s; reset no; 0.1 s; late no;
+        reply not reset: it may have waited""",
     'a late one in READY is in vain': """ready; late no; always stop!; 1 s; reset no;
         reply resets have been called since before the stop""",
     'a late one keeps a line in vain going': """ready; reset no; always stop!; 5 s; late no; 1 s;

@@ -33,7 +33,7 @@ class StampedMux(SteppedMux):
     def active(self) -> None:
         self.joy = sticks()
         self.run(LIMIT)
-        assert self.mux._reset().ok
+        assert self.reset().ok
         assert self.run(LIMIT + 0.1) is State.READY
         self.joy = sticks(0.5, deadman=True)
         assert self.run(2.0) is State.ACTIVE
@@ -49,7 +49,7 @@ def test_required_stamp_that_stays_the_same_loses_the_owner(
     assert f"operator 'fort' is invalid: {SAME}" in mux.values()['last transition']
     mux.joy = sticks()
     mux.run(1.0)
-    assert not mux.mux._reset().ok  # what it repeats may be anything
+    assert not mux.reset().ok  # what it repeats may be anything
     mux.moves = True
     mux.run(1.0)
     mux.active()

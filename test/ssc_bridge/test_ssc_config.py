@@ -215,58 +215,72 @@ def test_dump_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[str]
 # The unit.
 
 
-def test_dump_writes_what_the_unit_has_stored(unit: PtyDevice, tmp_path: Path) -> None:
-    target = tmp_path / 'backup.txt'
-    with Command('dump', str(target), '--port', str(unit.path)) as command:
+@contextlib.contextmanager
+def under_way(unit: PtyDevice, action: str, file: Path, until: str = '') -> Iterator[Command]:
+    """Start a dump or a restore; with ``until``, switch the unit off and on, and wait for that."""
+    with Command(action, str(file), '--port', str(unit.path)) as command:
         command.wait(PROMPT)
-        unit.apply('reboot')
-        assert command.end() == 0, command.output
-    assert bytes.fromhex(target.read_text()) == OTHERS.to_image()
-    assert {path.name for path in tmp_path.iterdir()} == {'backup.txt', unit.path.name}
+        if until:
+            unit.apply('reboot')
+            command.wait(until)
+        yield command
+
+
+def wait_operation(unit: PtyDevice) -> None:
     wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
 
 
-def test_restore_loads_saves_and_reads_back(unit: PtyDevice, file: Path) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
-        unit.apply('reboot')
+def test_dump_writes_what_the_unit_has_stored(unit: PtyDevice, tmp_path: Path) -> None:
+    target = tmp_path / 'backup.txt'
+    with under_way(unit, 'dump', target, PROMPT) as command:
         assert command.end() == 0, command.output
-    assert '216 of 220 bytes sent' in command.output
+    assert bytes.fromhex(target.read_text()) == OTHERS.to_image()
+    assert {path.name for path in tmp_path.iterdir()} == {'backup.txt', unit.path.name}
+    wait_operation(unit)
+
+
+def test_restore_loads_saves_and_reads_back(unit: PtyDevice, file: Path) -> None:
+    with under_way(unit, 'restore', file, '216 of 220 bytes sent') as command:
+        assert command.end() == 0, command.output
     assert 'The SSC has the new image stored' in command.output
     assert memory(unit).stored == GOLDEN
     wait_for(lambda: unit.describe()['config_id'] == 126, 5.0, 'it runs with it')
 
 
-def test_unplugged_in_the_middle_of_a_restore_is_told_truthfully(
-    unit: PtyDevice, file: Path
+PARTIAL = 'may hold a partial image in its working memory'
+BROKEN_OFF = [  # when, by what, the exit status, what is said, and what the unit does then
+    ('108 of 220 bytes sent', 'unplug', 5, ['unplugged', PARTIAL, 'configuration mode'], 'menus'),
+    (
+        '36 of 220 bytes sent',
+        'interrupt',
+        4,
+        [
+            'Interrupted; putting things in order',
+            'has the configuration stored that it had before',
+        ],
+        'operation',
+    ),
+    ('36 of 220 bytes sent', 'interrupt twice', 5, [PARTIAL], 'menus'),
+]
+
+
+@pytest.mark.parametrize(('until', 'cause', 'status', 'words', 'mode'), BROKEN_OFF)
+def test_restore_that_breaks_off_is_told_truthfully(
+    unit: PtyDevice, file: Path, until: str, cause: str, status: int, words: list[str], mode: str
 ) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
-        unit.apply('reboot')
-        command.wait('108 of 220 bytes sent')
-        unit.apply('unplug')
-        assert command.end() == 5, command.output
-    assert 'unplugged' in command.output
-    assert 'The SSC may hold a partial image in its working memory' in command.output
-    assert 'It may be in configuration mode' in command.output
+    with under_way(unit, 'restore', file, until) as command:
+        if cause == 'unplug':
+            unit.apply('unplug')
+        else:
+            command.process.send_signal(signal.SIGINT)
+        if cause == 'interrupt twice':
+            command.wait('Interrupted')
+            command.process.send_signal(signal.SIGINT)
+        assert command.end() == status, command.output
+    assert [each for each in words if each not in command.output] == []
     assert 'Traceback' not in command.output
-    assert unit.describe()['mode'] == 'menus'
     assert memory(unit).stored == OTHERS.to_image()
-
-
-def test_interrupted_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
-    unit: PtyDevice, file: Path
-) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
-        unit.apply('reboot')
-        command.wait('36 of 220 bytes sent')
-        command.process.send_signal(signal.SIGINT)
-        assert command.end() == 4, command.output
-    assert 'Interrupted; putting things in order' in command.output
-    assert 'The SSC has the configuration stored that it had before.' in command.output
-    assert memory(unit).stored == OTHERS.to_image()
-    wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
+    wait_for(lambda: unit.describe()['mode'] == mode, 5.0, mode)
 
 
 def test_terminal_closed_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
@@ -282,29 +296,14 @@ def test_terminal_closed_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
         wait_for(lambda: command.process.poll() is not None, LONGEST, 'its end')
     assert command.process.returncode == 4
     assert memory(unit).stored == OTHERS.to_image()
-    wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
-
-
-def test_interrupted_twice_stops_at_once_and_says_how_it_stands(
-    unit: PtyDevice, file: Path
-) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
-        unit.apply('reboot')
-        command.wait('36 of 220 bytes sent')
-        command.process.send_signal(signal.SIGINT)
-        command.wait('Interrupted')
-        command.process.send_signal(signal.SIGINT)
-        assert command.end() == 5, command.output
-    assert 'may hold a partial image' in command.output
+    wait_operation(unit)
 
 
 @each_ending
 def test_interrupted_before_the_unit_answers_has_changed_nothing(
     unit: PtyDevice, file: Path, number: int
 ) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
+    with under_way(unit, 'restore', file) as command:
         command.process.send_signal(number)
         assert command.end() == 4, command.output
     assert 'No SSC was seen on this port' in command.output
@@ -313,8 +312,7 @@ def test_interrupted_before_the_unit_answers_has_changed_nothing(
 
 def test_unplugged_while_it_is_read_leaves_no_file(unit: PtyDevice, tmp_path: Path) -> None:
     target = tmp_path / 'backup.txt'
-    with Command('dump', str(target), '--port', str(unit.path)) as command:
-        command.wait(PROMPT)
+    with under_way(unit, 'dump', target) as command:
         unit.apply('unplug')
         assert command.end() == 5, command.output
     assert 'unplugged' in command.output
@@ -322,8 +320,7 @@ def test_unplugged_while_it_is_read_leaves_no_file(unit: PtyDevice, tmp_path: Pa
 
 
 def test_port_in_use_is_told(unit: PtyDevice, file: Path) -> None:
-    with Command('restore', str(file), '--port', str(unit.path)) as first:
-        first.wait(PROMPT)
+    with under_way(unit, 'restore', file):
         with Command('restore', str(file), '--port', str(unit.path)) as second:
             assert second.end() == 4
         assert 'in use by another program' in second.output

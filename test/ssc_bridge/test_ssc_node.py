@@ -16,10 +16,8 @@ from std_msgs.msg import Bool, String, UInt16MultiArray
 from std_srvs.srv import Trigger
 import yaml
 
-from bridge_core.runner import run
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.node import SscBridge
-from stage.rig import as_yaml, latched, NodeProcess, Observer, Pty, ROOT, wait_for
+from stage.rig import latched, NodeProcess, Observer, Pty, ROOT, wait_for
 from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
 from stage.ssc_rig import build_frame, status
 from stage.talkers import Diagnostics, Talker, values_of
@@ -83,38 +81,32 @@ def test_receiver_becomes_joy_and_raw_pulses(bench: Bench) -> None:
     assert list(bench.inputs.last.data[:4]) == [1000, 2000, 1750, 1900]
 
 
-def test_invalid_pulse_of_an_axis_makes_the_whole_joy_neutral(bench: Bench) -> None:
-    bench.port.apply('channel 4 1900')
+LOSSES = [  # what happens, what the diagnostic says, the command state, and whether it is a stop
+    ('channel 3 off', 'forward invalid', '1 ms', False),
+    ('receiver off', 'no signal', 'no signal', True),
+    ('link off', '1.5 ms', '1.5 ms', True),  # the receiver holds all other channels
+]
+
+
+@pytest.mark.parametrize(('line', 'words', 'state', 'stop'), LOSSES)
+def test_lost_control_neutralises_joy(
+    bench: Bench, line: str, words: str, state: str, stop: bool
+) -> None:
+    for each in ('channel 3 2000', 'channel 4 1900'):
+        bench.port.apply(each)
     bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
-    bench.port.apply('channel 3 off')
+    bench.port.apply(line)
     bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
     assert not any(bench.joy.last.axes)
-    bench.wait(lambda: 'forward invalid' in bench.message(), 'the diagnostic')
-    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.ERROR
-
-
-def test_receiver_lost_stops_and_neutralises(bench: Bench) -> None:
-    bench.port.apply('channel 4 1900')
-    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
-    bench.port.apply('receiver off')
-    bench.wait_stop(True)
-    bench.wait(lambda: bench.own_estop.last == Bool(data=True), 'own_estop')
-    bench.wait(lambda: bench.state.last == String(data='no signal'), 'the state')
-    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
-    bench.wait(lambda: 'no signal' in bench.message(), 'the diagnostic')
-    bench.port.apply('receiver on')
+    bench.wait_stop(stop)
+    bench.wait(lambda: bench.own_estop.last == Bool(data=stop), 'own_estop')
+    bench.wait(lambda: bench.state.last == String(data=state), 'the state')
+    bench.wait(lambda: words in bench.message(), 'the diagnostic')
+    level = DiagnosticStatus.WARN if stop else DiagnosticStatus.ERROR
+    assert bench.diagnostics.status(DEVICE).level == level
+    for each in ('receiver on', 'link on', 'channel 1 1000'):
+        bench.port.apply(each)
     bench.wait_stop(False)
-
-
-def test_lost_transmitter_stops_and_its_last_sticks_end(bench: Bench) -> None:
-    for line in ('channel 3 2000', 'channel 4 1900'):
-        bench.port.apply(line)
-    bench.wait(lambda: list(bench.joy.last.buttons) == [1], 'the deadman')
-    bench.port.apply('link off')  # the receiver holds all other channels
-    bench.wait_stop(True)
-    bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
-    bench.wait(lambda: list(bench.joy.last.buttons) == [0], 'neutral')
-    assert not any(bench.joy.last.axes)
 
 
 def test_1_5_ms_is_a_state_of_its_own_where_configured(observer: Observer, tmp_path: Path) -> None:
@@ -185,21 +177,20 @@ def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
     bench.wait(lambda: bench.seen()['outputs_us'][0] == 1700, 'a new command')
 
 
-def test_estop_in_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
-    bench.estop_in.pause()
-    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
-    bench.wait(lambda: 'e-stop input is stale' in bench.message(), 'why')
+SILENCES = {
+    'e-stop input': lambda bench, servo: bench.estop_in.pause(),
+    'command': lambda bench, servo: servo.pause(),
+    'receiver': lambda bench, servo: bench.port.apply('receiver off'),
+}
 
 
-def test_command_that_falls_silent_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
-    servo.pause()
-    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
-
-
-def test_receiver_lost_brings_the_failsafe(bench: Bench, servo: Talker) -> None:
-    bench.port.apply('receiver off')
+@pytest.mark.parametrize('what', SILENCES)
+def test_silence_brings_the_failsafe(bench: Bench, servo: Talker, what: str) -> None:
+    SILENCES[what](bench, servo)
     # The switch table of the simulator has CONST without a signal: look at what SERIAL would be.
     bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
+    if what == 'e-stop input':
+        bench.wait(lambda: 'e-stop input is stale' in bench.message(), 'why')
 
 
 def test_output_that_is_not_on_serial_is_a_diagnostic(bench: Bench, servo: Talker) -> None:
@@ -387,71 +378,6 @@ def test_ended_leaves_the_failsafe(observer: Observer, tmp_path: Path) -> None:
 
 
 # -- parameters -----------------------------------------------------------------------------------
-
-BAD: list[tuple[str, Any]] = [
-    ('baud', 100),
-    ('link_timeout', 0.01),
-    ('link_timeout', float('nan')),
-    ('poll_rates', [20.0]),
-    ('poll_rates', [5.0, 5.0, 5.0, 5.0, 5.0]),
-    ('poll_rates', [20.0, 5.0, 5.0, 5.0, 101.0]),
-    ('message_rates', [51.0, 0.0, 0.0, 0.0, 0.0]),
-    ('estop_states', ['3 ms']),
-    ('lost_link_is_stop', 'no'),
-    ('first_input_nibble', 2),
-    ('plausible_us', [2300, 700]),
-    ('plausible_us', [1200, 2300]),
-    ('tolerate_faulty_axes', 1),
-    ('axes', ['turn', 'turn']),
-    ('axes', ['deadman']),
-    ('calibration.turn.channel', 17),
-    ('calibration.turn.min_us', 1500),
-    ('calibration.turn.deadband', 1.0),
-    ('calibration.roll.channel', 2),
-    ('button.deadman.thresholds_us', [1700, 1300]),
-    ('failsafe', 'pulse'),
-    ('command_rate', 0.0),
-    ('command_timeout', float('inf')),
-    ('lockout_on_start', 'yes'),
-    ('servo.pan.channel', 1),
-    ('poll_rate', [20.0]),
-]
-BAD_SERVOS: list[tuple[str, Any]] = [
-    ('servo.pan.channel', 0),
-    ('servo.tilt.channel', 1),
-    ('servo.pan.min_us', 1600),
-    ('servo.pan.max_us', 32001),
-    ('servo.pan.rate_us_per_s', 0.0),
-    ('servo.pan.failsafe', 'stay'),
-    ('servo.pan.failsafe_us', 1901),
-]
-
-
-@pytest.fixture
-def _handlers() -> Iterator[None]:
-    """Keep the runner's own signal handlers, which a node replaces."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
-
-
-@pytest.mark.usefixtures('_handlers')
-@pytest.mark.parametrize(
-    ('name', 'value', 'others'),
-    [*((n, v, {}) for n, v in BAD), *((n, v, SERVOS) for n, v in BAD_SERVOS)],
-    ids=str,
-)
-def test_bad_parameter_ends_it_with_one_line(
-    name: str, value: Any, others: dict[str, Any], capfd: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ['--ros-args']
-    for key, given in {**others, name: value}.items():
-        arguments += ['-p', f'{key}:={as_yaml(given)}']
-    assert run([SscBridge], arguments) == 2
-    printed = capfd.readouterr().err.splitlines()
-    (line,) = [text for text in printed if text.startswith('rugged_teleop: ')]
-    assert name in line or f'{name.rpartition(".")[0]}: ' in line
 
 
 def test_annotated_configuration_is_read_by_ros(observer: Observer, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import KeyValue
 import pytest
 
 from bridge_core.session import StopChanged, Verdict
+from bridge_core.transports.request import Call
 from ssc_bridge.node import SscBridge
 from ssc_bridge.protocol import Configuration
 from ssc_bridge.session import ConfigurationRead, OutputsSent, RELEASE_FRAMES
@@ -33,8 +34,8 @@ def asked(node: SscBridge, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, .
     """Give what is asked of the session."""
     asked: list[tuple[Any, ...]] = []
 
-    def request(name: str, *arguments: Any, **_: Any) -> int:
-        asked.append((name, *arguments))
+    def request(call: Call, **_: Any) -> int:
+        asked.append((call.name, *call.arguments))
         return 1
 
     monkeypatch.setattr(node.link, 'request', request)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import pytest
 
 from ssc_bridge.simulator import BOOT_TIME, build_frame, Settings, Simulator, sums
-from ssc_bridge.simulator.memory import is_image
 from ssc_bridge.simulator.menus import Terminal
 from stage.rig import ROOT
 
@@ -105,50 +105,37 @@ def test_configured_rates_are_kept() -> None:
 
 
 def test_every_message_can_be_polled_and_has_its_length() -> None:
-    device = Device(quiet(inputs=5, aux=[0x181, 0, 0x82, 0, 0, 0]))
+    device = Device(quiet(inputs=5, config_id=200, aux=[0x181, 0, 0x82, 0, 0, 0]))
     sizes = {kind: len(device.poll(kind)) for kind in range(10, 16)}
     assert sizes == {10: 2, 11: 19, 12: 38, 13: 10, 14: 6, 15: 14}
+    assert device.poll(CONFIG) == bytes.fromhex('C805 0181 0000 0082 0000 0000 0000')
 
 
-def test_system_configuration_tells_what_is_set() -> None:
-    device = Device(quiet(inputs=5, config_id=200, aux=[0, 0x181, 0x02, 0x13, 0x114, 0]))
-    assert device.poll(CONFIG) == bytes.fromhex('C805 0000 0181 0002 0013 0114 0000')
+GOOD = command([1500] * 16)
+HEARD = [  # frames, those that count by ID, and how many make no sense
+    (GOOD[:-1] + b'\0' + GOOD, {COMMAND: 1}, 0),  # a bad one is ignored, and the next is heard
+    (command([1500] * 15), {COMMAND: 1}, 1),
+    (command([1500] * 17), {COMMAND: 1}, 1),
+    (command([*([1500] * 15), 32001]), {COMMAND: 1}, 1),
+    (build_frame(SET_AUX, b'\x80\x01'), {SET_AUX: 1}, 1),
+    (build_frame(SET_AUX, b'\x80'), {SET_AUX: 1}, 1),
+    (build_frame(LOCKOUT, b'\0'), {LOCKOUT: 1}, 1),
+    (build_frame(99), {99: 1}, 1),
+]
 
 
-def test_bad_frame_is_ignored_and_the_next_is_heard() -> None:
-    device = Device(quiet())
-    good = command([1500] * 16)
-    device.hear(good[:-1] + b'\0' + good)
-    assert device.simulator.received == {COMMAND: 1}
+@pytest.mark.parametrize(('data', 'received', 'rejected'), HEARD)
+def test_frame_that_makes_no_sense_changes_nothing_and_is_counted(
+    data: bytes, received: dict[int, int], rejected: int
+) -> None:
+    simulator = Device(quiet(lockouts=[True, True])).hear(data).simulator
+    assert (simulator.received, simulator.rejected) == (received, rejected)
+    assert simulator.serial == [0 if rejected else 1500] * 16
 
 
-@pytest.mark.parametrize(
-    'frame',
-    [
-        command([1500] * 15),
-        command([1500] * 17),
-        command([*([1500] * 15), 32001]),
-        build_frame(SET_AUX, b'\x80\x01'),
-        build_frame(SET_AUX, b'\x80'),
-        build_frame(LOCKOUT, b'\0'),
-        build_frame(99),
-    ],
-)
-def test_frame_that_makes_no_sense_changes_nothing_and_is_counted(frame: bytes) -> None:
-    device = Device(quiet(lockouts=[True, True]))
-    device.hear(frame)
-    assert device.simulator.rejected == 1
-    assert device.simulator.serial == [0] * 16
-
-
-def test_secondary_port_is_silent() -> None:
-    device = Device(Settings(primary=2)).run(2.0)
-    device.hear(command([1500] * 16))
-    assert device.data == b''
-    assert device.simulator.received == {}
-
-
-def test_mute_says_nothing() -> None:
+def test_secondary_port_is_silent_and_so_is_a_mute_unit() -> None:
+    device = Device(Settings(primary=2)).run(2.0).hear(GOOD)
+    assert (device.data, device.simulator.received) == (b'', {})
     device = Device().apply('mute on')
     device.data = b''
     assert device.run(1.0).data == b''
@@ -169,46 +156,43 @@ def test_mute_says_nothing() -> None:
         (['channel 1 2000', 'link off'], 2),  # the receiver's failsafe
     ],
 )
-def test_command_channel_decides_the_state(lines: list[str], state: int) -> None:
-    device = Device(quiet()).apply(*lines, seconds=0.2)
-    assert struct.unpack('>H', device.poll(STATUS))[0] >> 1 == state
-
-
-def test_sources_follow_the_table() -> None:
+def test_command_channel_decides_state_and_column(lines: list[str], state: int) -> None:
     row = bytearray((2, 3, 4, 0x10))
-    device = Device(quiet(table=[row] * 24))
-    for line, byte in (('channel 1 1000', 3), ('channel 1 1500', 4), ('channel 1 2000', 0x10)):
-        assert device.apply(line).poll(SOURCE) == bytes([byte]) * 16
-    assert device.apply('receiver off', seconds=0.2).poll(SOURCE) == bytes([2]) * 16
+    device = Device(quiet(table=[row] * 24)).apply(*lines, seconds=0.2)
+    assert struct.unpack('>H', device.poll(STATUS))[0] >> 1 == state
+    assert device.poll(SOURCE) == bytes([row[state]]) * 16
 
 
-def test_each_source_drives_its_pulse() -> None:
-    rows = [bytearray([byte] * 4) for byte in (0x10, 0x11, 2, 3, 4, 0xF0)]
-    table = rows + [bytearray(4)] * 18
-    device = Device(quiet(table=table, constants=[1234] * 24)).apply('channel 2 1800')
-    device.hear(command([900 + n for n in range(16)]))
+ROWS = [bytearray([byte] * 4) for byte in (0x10, 0x11, 2, 3, 4, 0xF0)]
+EACH = {'table': ROWS + [bytearray(4)] * 18, 'constants': [1234] * 24}
+DRIVEN = [  # settings, steps (a list: a command), a message, and its first words
+    ({'constants': [1111] * 24}, ['receiver off'], INPUTS, (0x8000,) * 8),
+    ({'constants': [1111] * 24}, ['receiver off'], OUTPUTS, (1111,) * 16),
+    ({}, ['channel 1 2000', 'channel 2 1700', 'link off'], INPUTS, (1500, 1700)),
     # PIN 2, its mirror image, the constant, the fourth command, nothing before, no such input.
-    assert device.words(OUTPUTS)[:6] == (1800, 1200, 1234, 903, 0x8000, 0x8000)
+    (
+        EACH,
+        ['channel 2 1800', [*range(900, 916)]],
+        OUTPUTS,
+        (1800, 1200, 1234, 903, 0x8000, 0x8000),
+    ),
+    # LAST holds what was there, and SERIAL outlives its host.
+    ({}, ['channel 1 1000', [1100] * 16], OUTPUTS, (1100,) * 16),
+    ({}, ['channel 1 1000', [1100] * 16, 'channel 1 1500', [1900] * 16], OUTPUTS, (1100,) * 16),
+]
 
 
-def test_last_holds_what_was_there_and_serial_outlives_its_host() -> None:
-    device = Device(quiet()).apply('channel 1 1000')
-    device.hear(command([1100] * 16)).run(10.0)
-    assert device.words(OUTPUTS) == (1100,) * 16
-    device.apply('channel 1 1500')
-    device.hear(command([1900] * 16))
-    assert device.words(OUTPUTS) == (1100,) * 16
-
-
-def test_lost_receiver_gives_invalid_pulses_and_constants() -> None:
-    device = Device(quiet(constants=[1111] * 24)).apply('receiver off', seconds=0.2)
-    assert device.words(INPUTS) == (0x8000,) * 8
-    assert device.words(OUTPUTS) == (1111,) * 16
-
-
-def test_lost_transmitter_holds_all_but_the_command_channel() -> None:
-    device = Device(quiet()).apply('channel 1 2000', 'channel 2 1700', 'link off')
-    assert device.words(INPUTS)[:2] == (1500, 1700)
+@pytest.mark.parametrize(('settings', 'steps', 'kind', 'words'), DRIVEN)
+def test_each_source_drives_its_pulse(
+    settings: dict[str, Any], steps: list[Any], kind: int, words: tuple[int, ...]
+) -> None:
+    device = Device(quiet(**settings))
+    for step in steps:
+        if isinstance(step, str):
+            device.apply(step, seconds=0.2)
+        else:
+            device.hear(command(step)).run(5.0)
+    assert device.words(kind)[: len(words)] == words
 
 
 # Auxiliary channels.
@@ -230,27 +214,20 @@ def test_timer_measures_between_its_edges(edges: int, microseconds: int, code: i
 def test_timer_is_over_range_above_14_bits(code: int) -> None:
     device = Device(quiet(aux=[0x181 | code << 4, 0, 0, 0, 0, 0]))
     longest = 0x3FFF << code
-    device.apply(f'signal 1 {longest - 1} 1')
-    assert device.poll(AUX)[2:] == b'\x7f\xff'
-    device.apply(f'signal 1 {longest - 1} {1 + (1 << code)}')
-    assert device.poll(AUX)[2:] == b'\xff\xff'
-    device.apply('signal 1 0 0')
-    assert device.poll(AUX)[2:] == b'\x00\x00'  # stopped: neither runs nor overflows
+    for signal, word in (
+        (f'{longest - 1} 1', b'\x7f\xff'),
+        (f'{longest - 1} {1 + (1 << code)}', b'\xff\xff'),
+        ('0 0', b'\x00\x00'),  # stopped: neither runs nor overflows
+    ):
+        assert device.apply(f'signal 1 {signal}').poll(AUX)[2:] == word
 
 
 def test_accumulator_counts_since_the_last_message() -> None:
     device = Device(quiet(aux=[0, 0x82, 0, 0, 0, 0]))
     device.poll(AUX)
-    device.apply('pulses 2 7')
-    assert device.poll(AUX)[2:] == b'\x40\x07'
-    assert device.poll(AUX)[2:] == b'\x00\x00'
-    device.apply('pulses 2 20000')
-    assert device.poll(AUX)[2:] == b'\xff\xff'
-
-
-def test_accumulator_follows_a_signal() -> None:
-    device = Device(quiet(aux=[0, 0x82, 0, 0, 0, 0])).apply('signal 2 500 500')
-    device.poll(AUX)
+    for lines, word in ((['pulses 2 7'], '4007'), ([], '0000'), (['pulses 2 20000'], 'ffff')):
+        assert device.apply(*lines).poll(AUX)[2:].hex() == word
+    device.apply('signal 2 500 500').poll(AUX)
     started = device.now
     device.run(2.0)
     pulses = struct.unpack('>H', device.poll(AUX)[2:])[0] & 0x3FFF
@@ -260,8 +237,7 @@ def test_accumulator_follows_a_signal() -> None:
 def test_digital_outputs_obey_only_when_told_to_set() -> None:
     device = Device(quiet(aux=[0x03, 0x13, 0, 0, 0, 0])).apply('pin 3 off')
     assert device.poll(AUX)[0] == 0b111010
-    device.hear(build_frame(SET_AUX, b'\x01\x00'))
-    assert device.poll(AUX)[0] == 0b111010
+    assert device.hear(build_frame(SET_AUX, b'\x01\x00')).poll(AUX)[0] == 0b111010
     device.hear(build_frame(SET_AUX, b'\xbd\x00'))  # bits of inputs change nothing
     assert device.poll(AUX)[0] == 0b111001
 
@@ -416,12 +392,3 @@ def test_deadline_never_lies_in_the_past_for_long() -> None:
         now = max(simulator.deadline(), 0.0)
         simulator.poll(now)
         assert simulator.deadline() > now
-
-
-def test_image_is_summed_once_not_at_each_step() -> None:
-    simulator = Simulator()
-    simulator.poll(1.0)
-    before = is_image.cache_info().misses
-    for step in range(100):
-        simulator.poll(1.0 + 0.01 * step)
-    assert is_image.cache_info().misses == before

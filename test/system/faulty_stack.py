@@ -27,7 +27,7 @@ METHODS = {  # of these modules
     'Intake._joy': 'safety_mux.intake',
     'ManagedNode._on_set_parameters': 'bridge_core.managed_node',
     'SafetyMux._on_diagnostics': 'safety_mux.node',
-    'SafetyMux._on_trip': 'safety_mux.node',
+    'Services.on_trip': 'safety_mux.services',
     'SafetyMux._publish_diagnostics': 'safety_mux.node',
     'SafetyMux._tick': 'safety_mux.node',
 }

@@ -33,7 +33,8 @@ from fort_vsc_bridge.session import (
 from fort_vsc_bridge.simulator import Simulator as Vsc
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import Decision, EStopSource, MuxConfig, Operator, OperatorSample, State
+from safety_mux.protocol import Decision, OperatorSample, State
+from safety_mux.settings import EStopSource, MuxConfig, Operator
 from vm110_bridge.session import Session as VmSession, Settings as VmSettings, Sticks as VmSticks
 from vm110_bridge.simulator import Simulator as BaseUnit
 

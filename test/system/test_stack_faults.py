@@ -60,7 +60,7 @@ class FaultyStack(Stack):
     'method',
     [
         'Arbiter.tick',  # on the lane
-        'SafetyMux._on_trip',  # a service, by the executor
+        'Services.on_trip',  # a service, by the executor
         'SafetyMux._publish_diagnostics',  # a timer, by the executor
         pytest.param('ManagedNode._on_set_parameters', marks=pytest.mark.proof),
         pytest.param('SafetyMux._on_diagnostics', marks=pytest.mark.proof),

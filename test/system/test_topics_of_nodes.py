@@ -49,31 +49,22 @@ PUBLISHED = {
         *('fix', 'nmea', 'user_values'),
     ),
     MUX: (
-        'command',
-        'enable',
-        'estop',
-        'state',
-        'status',
-        'stop_demand/fort',
-        'stop_demand/drive',
+        *('command', 'enable', 'estop', 'state', 'status'),
+        *('stop_demand/fort', 'stop_demand/drive'),
     ),
     DRIVE: (*STOP, 'joint_states', 'enabled'),
 }
 WATCHED = {'command': JointState, 'enable': Bool, 'estop': Bool}  # of a mux: its own
 TAKEN = {
-    VSC: (
-        f'/{VSC}/software_estop',
-        f'/{VSC}/set_feedback',
-        f'/{VSC}/set_user_value',
-        f'/{VSC}/set_user_name',
-        f'/{VSC}/display_text',
-        f'/{VSC}/get_user_value',
+    VSC: tuple(
+        f'/{VSC}/{name}'
+        for name in (
+            *('software_estop', 'set_feedback', 'set_user_value', 'set_user_name'),
+            *('display_text', 'get_user_value'),
+        )
     ),
     MUX: (
-        f'/{VSC}/estop',
-        f'/{VSC}/own_estop',
-        f'/{VSC}/joy',
-        f'/{DRIVE}/estop',
+        *(f'/{VSC}/estop', f'/{VSC}/own_estop', f'/{VSC}/joy', f'/{DRIVE}/estop'),
         '/diagnostics',  # why a source demands a stop
     ),
     DRIVE: (f'/{MUX}/command', f'/{MUX}/enable', f'/{MUX}/estop'),  # as they are wired here
@@ -89,11 +80,6 @@ def message_type(name: str) -> Any:
     """Return the class of a name in the graph, such as std_msgs/msg/Bool."""
     package, folder, kind = name.split('/')
     return getattr(importlib.import_module(f'{package}.{folder}'), kind)
-
-
-def pub_qos() -> QoSProfile:
-    """Return what ros2 topic pub uses without options."""
-    return QoSPresetProfiles.get_from_short_key('default')
 
 
 def echo_qos(observer: Observer, topic: str) -> QoSProfile:
@@ -114,15 +100,6 @@ def echo(observer: Observer, topic: str) -> Record:
     types = dict(observer.node.get_topic_names_and_types())
     (kind,) = types[topic]
     return observer.record(message_type(kind), topic, echo_qos(observer, topic))
-
-
-def test_pub_is_reliable_and_volatile_by_default() -> None:
-    qos = pub_qos()
-    assert (qos.reliability, qos.durability) == (
-        ReliabilityPolicy.RELIABLE,
-        DurabilityPolicy.VOLATILE,
-    )
-    assert qos.depth == 10
 
 
 @pytest.fixture(scope='module')
@@ -258,7 +235,10 @@ class Pub(Talker):
     """``ros2 topic pub -r 20`` with default options."""
 
     def __init__(self, observer: Observer, topic: str, message: Any) -> None:
-        super().__init__(observer, type(message), topic, message, rate=PUB_RATE, qos=pub_qos())
+        qos = QoSPresetProfiles.get_from_short_key('default')
+        assert (qos.reliability, qos.depth) == (ReliabilityPolicy.RELIABLE, 10)
+        assert qos.durability == DurabilityPolicy.VOLATILE
+        super().__init__(observer, type(message), topic, message, rate=PUB_RATE, qos=qos)
 
     def instead(self, observer: Observer, message: Any) -> 'Pub':
         """Interrupt this one and start another that says something else."""
@@ -267,66 +247,74 @@ class Pub(Talker):
         return Pub(observer, topic, message)
 
 
+class MuxOfPubs:
+    """A mux whose every source is a ``Pub``."""
+
+    def __init__(self, observer: Observer, parameters: dict[str, Any]) -> None:
+        self.observer = observer
+        self.space = namespace()
+        self.mux = f'{self.space}/{MUX}'
+        self.state = observer.record(String, f'{self.mux}/state', latched())
+        self.command = observer.record(JointState, f'{self.mux}/command')
+        self.status = observer.record(DiagnosticStatus, f'{self.mux}/status', latched())
+        parameters = {**OUTLASTS_GAPS, **parameters}
+        node = NodeProcess('safety_mux.node', parameters, namespace=self.space)
+        self._exits = contextlib.ExitStack()
+        self._exits.enter_context(node)
+        names = (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
+        self.pubs = [self.pub(name, Bool(data=False)) for name in names]
+
+    def pub(self, topic: str, message: Any) -> Pub:
+        return Pub(self.observer, f'{self.space}/{topic}', message)
+
+    def say(self, number: int, message: Any) -> None:
+        """Have another program say this in the place of one of ``pubs``."""
+        self.pubs[number] = self.pubs[number].instead(self.observer, message)
+
+    def wait(self, state: str, *, moves: bool) -> None:
+        self.observer.wait_for(lambda: self.state.last.data == state, 10.0, state)
+        self.observer.wait_for(
+            lambda: any(self.command.last.velocity) is moves, 10.0, f'motion: {moves}'
+        )
+
+    def close(self) -> None:
+        for pub in self.pubs:
+            pub.leave()
+        self._exits.close()
+
+
 def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None:
-    space = namespace()
-    state = observer.record(String, f'{space}/{MUX}/state', latched())
-    command = observer.record(JointState, f'{space}/{MUX}/command')
-    parameters = {**OUTLASTS_GAPS, 'operator.fort.timeout': GAP, 'neutral_time': GAP}
-    with NodeProcess('safety_mux.node', parameters, namespace=space):
-        sources = [
-            Pub(observer, f'{space}/{topic}', Bool(data=False))
-            for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
-        ]
-        joy = Pub(observer, f'{space}/{VSC}/joy', sticks())
-        reset(observer, f'{space}/{MUX}')
-        status = observer.record(DiagnosticStatus, f'{space}/{MUX}/status', latched())
+    rest = {'operator.fort.timeout': GAP, 'neutral_time': GAP}
+    with contextlib.closing(MuxOfPubs(observer, rest)) as mux:
+        mux.pubs.append(mux.pub(f'{VSC}/joy', sticks()))
+        reset(observer, mux.mux)
         observer.wait_for(
-            lambda: status.last and 'press the deadman' in status.last.message,
+            lambda: mux.status.last and 'press the deadman' in mux.status.last.message,
             2 * GAP,
             'a rested operator',
         )
-        joy = joy.instead(observer, sticks(0.5, deadman=True))
-        observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
-        observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
-        sources[2] = sources[2].instead(observer, Bool(data=True))
-        observer.wait_for(lambda: state.last.data == 'STOPPED', 10.0, 'STOPPED')
-        observer.wait_for(lambda: not any(command.last.velocity), 10.0, 'zero')
-        for pub in (*sources, joy):
-            pub.leave()
+        mux.say(3, sticks(0.5, deadman=True))
+        mux.wait('ACTIVE', moves=True)
+        mux.say(2, Bool(data=True))
+        mux.wait('STOPPED', moves=False)
 
 
 def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
-    space = namespace()
-    state = observer.record(String, f'{space}/{MUX}/state', latched())
-    command = observer.record(JointState, f'{space}/{MUX}/command')
-    parameters = {
-        **OUTLASTS_GAPS,
-        'autonomy.topic': 'cmd_vel',
-        'autonomy.timeout': GAP,
-        'autonomy.wheel_separation': 0.5,
-        'autonomy.wheel_radius': 0.1,
-        'operators': [''],
-    }
-    with NodeProcess('safety_mux.node', parameters, namespace=space):
-        pubs = [
-            Pub(observer, f'{space}/{topic}', Bool(data=False))
-            for topic in (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
-        ]
-        twist = Pub(observer, f'{space}/cmd_vel', Twist())
-        reset(observer, f'{space}/{MUX}')
+    wheels = {'autonomy.wheel_separation': 0.5, 'autonomy.wheel_radius': 0.1}
+    autonomy = {'autonomy.topic': 'cmd_vel', 'autonomy.timeout': GAP, 'operators': ['']}
+    with contextlib.closing(MuxOfPubs(observer, {**autonomy, **wheels})) as mux:
+        mux.pubs.append(mux.pub('cmd_vel', Twist()))
+        reset(observer, mux.mux)
 
         def selected() -> bool:
             request = SetBool.Request(data=True)
-            return bool(observer.call(SetBool, f'{space}/{MUX}/select_autonomy', request).success)
+            return bool(observer.call(SetBool, f'{mux.mux}/select_autonomy', request).success)
 
         observer.wait_for(selected, 10.0, 'selected')
         forward = Twist()
         forward.linear.x = 0.2
-        twist = twist.instead(observer, forward)
-        observer.wait_for(lambda: any(command.last.velocity), 10.0, 'motion')
-        observer.wait_for(lambda: state.last.data == 'ACTIVE', 10.0, 'ACTIVE')
-        for pub in (*pubs, twist):
-            pub.leave()
+        mux.say(3, forward)
+        mux.wait('ACTIVE', moves=True)
 
 
 def test_pub_moves_the_drive_by_command_enable_and_estop_in(

@@ -1,13 +1,14 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A stop input of which messages were lost, by the node of each bridge that has one."""
+"""What the node of every bridge does, whatever its device: stop inputs, ~/device, log lines."""
 
 from __future__ import annotations
 
 import itertools
 import threading
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from rclpy.node import Node
@@ -15,14 +16,17 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import Session as Akron
+from akron_can_bridge.session import FaultsChanged, Session as Akron, UnitChanged
 from bridge_core.input_guard import STOP_QOS
+from bridge_core.report import Report, Status
+from bridge_core.session import Level, StopChanged, Verdict
 from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as Esi
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.session import Session as Vsc
 from ssc_bridge.node import SscBridge
-from ssc_bridge.session import Session as Ssc
+from ssc_bridge.protocol import Configuration
+from ssc_bridge.session import ConfigurationRead, Session as Ssc
 from stage.node_alone import alone
 from stage.rig import wait_for
 from vm110_bridge.node import Vm110Bridge
@@ -101,3 +105,51 @@ def test_publishers_that_are_never_heard_fill_no_log(
         assert [site for site in node._deferred._logged_at if 'software_estop' in site] == [
             f'{node.get_fully_qualified_name()}/software_estop'
         ]
+
+
+BRIDGES = (AkronCanBridge, EsiDriveBridge, FortVscBridge, SscBridge, Vm110Bridge)
+REPORT = Report(Status(Level.OK, 'ok', {}), Status(Level.OK, 'ok', {}))
+
+
+@pytest.mark.parametrize('kind', BRIDGES)
+def test_node_demands_a_stop_until_its_link_is_healthy_and_when_it_is_left(
+    context: Any, kind: Any
+) -> None:
+    with alone(kind, context) as node:
+        assert node.verdict == Verdict.stop(link_up=False)
+        node.on_events([StopChanged(Verdict())], 1.0)
+        assert node.verdict == Verdict()
+        node.leave()
+        assert node.verdict == Verdict.stop(link_up=False)
+        node.on_events([StopChanged(Verdict())], 2.0)  # that comes late clears nothing
+        assert node.verdict.estop
+
+
+@pytest.mark.parametrize('kind', BRIDGES)
+def test_state_of_the_device_is_published_with_each_report_by_those_who_tell_it(
+    context: Any, monkeypatch: pytest.MonkeyPatch, kind: Any
+) -> None:
+    with alone(kind, context) as node:
+        told: list[Any] = []
+        if kind.TELLS_DEVICE:
+            monkeypatch.setattr(node._device_publisher, 'publish', told.append)
+        node.on_report(REPORT, 1.0)
+        names = {publisher.topic_name for publisher in node.publishers}
+        assert (f'{node.get_fully_qualified_name()}/device' in names) is kind.TELLS_DEVICE
+        assert [message.hardware_id != '' for message in told] == [True] * kind.TELLS_DEVICE
+
+
+def test_units_faults_and_configurations_have_a_site() -> None:
+    sites: list[str] = []
+    node = SimpleNamespace(log=lambda level, text, site='': sites.append(site))
+    node._log_faults = lambda event: AkronCanBridge._log_faults(cast(Any, node), event)
+    akron: list[Any] = [
+        FaultsChanged(('motor axis 1',)),
+        FaultsChanged(()),
+        UnitChanged('unit 1032AE100801035 is at address 80', '1032AE100801035', 1032),
+    ]
+    for event in akron:
+        AkronCanBridge.on_event(cast(Any, node), event)
+    read = ConfigurationRead(Configuration.from_payload(bytes((126, 8)) + bytes(12)))
+    SscBridge._log_configuration(cast(Any, node), read)
+    assert sites == ['faults', 'faults', 'unit', 'configuration']
