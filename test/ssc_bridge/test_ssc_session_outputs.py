@@ -15,6 +15,7 @@ import pytest
 
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.protocol import MAX_OUTPUTS
 from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session, Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
 from ssc_bridge.session.report import warnings
@@ -60,6 +61,13 @@ def test_commands_become_pulses(
     servos: tuple[Servo, ...], script: str, us: tuple[int, ...]
 ) -> None:
     assert Rig(servos=servos).start().play(script).pulses()[-1][: len(us)] == us
+
+
+def test_every_output_may_be_commanded() -> None:
+    rig = Rig()
+    rig.inputs, rig.sources, rig.outputs = [1500], [3] * MAX_OUTPUTS, [0x8000] * MAX_OUTPUTS
+    rig.start().play('do us=' + '1500,' * MAX_OUTPUTS)
+    assert list(rig.session.outputs.commanded()) == [*range(1, MAX_OUTPUTS + 1)]
 
 
 def test_only_what_is_beyond_the_limits_counts_as_limited() -> None:
@@ -277,6 +285,12 @@ def test_outputs_of_a_session_before_are_released_once_they_are_claimed() -> Non
     rig.session.claim_outputs(rig.now)
     assert rig.session.values(rig.now)['commands not obeyed because'] != 'there are none'
     assert rig.play('150').pulses() == [NOTHING] * RELEASES
+
+
+def test_command_that_never_went_out_needs_no_release() -> None:
+    rig = Rig(command_rate=1.0).start().play('do us=1500; estop!; estop; 300')
+    assert [event.names for event in rig.of(FailsafeBegun)] == [('output 1',)]
+    assert rig.pulses() == []
 
 
 @pytest.mark.parametrize('failsafe', [Failsafe.RELEASE, Failsafe.HOLD])
