@@ -92,15 +92,19 @@ def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the
 
 
 SLOW = Servo(name='slow', channel=2, rate_us_per_s=100.0)
-BEGINNINGS = [  # what happens to a slow servo, and between which pulses it is then
-    ('out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
-    ('15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
+HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD)
+BEGINNINGS = [  # a servo, what happens to it, and between which pulses it is then
+    (SLOW, 'out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
+    (SLOW, '15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
+    # At a failsafe pulse, or held after a command, whoever drives the output now.
+    (TILT, 'src 3=0x30; 15; 60; out 3=1900; hear 12; 2 tilt=1', 1100, 1140),
+    (HELD_TILT, 'src 3=0x30; 15; 9 tilt=0; 60; out 3=1900; hear 12; 2 tilt=1', 1200, 1240),
 ]
 
 
-@pytest.mark.parametrize(('script', 'least', 'most'), BEGINNINGS)
-def test_servo_begins_where_it_is(script: str, least: int, most: int) -> None:
-    assert least <= Rig(servos=(SLOW,)).play(script).pulses()[-1][1] <= most
+@pytest.mark.parametrize(('servo', 'script', 'least', 'most'), BEGINNINGS)
+def test_servo_begins_where_it_is(servo: Servo, script: str, least: int, most: int) -> None:
+    assert least <= Rig(servos=(servo,)).play(script).pulses()[-1][servo.channel - 1] <= most
 
 
 def test_rate_is_kept_whatever_is_asked() -> None:
