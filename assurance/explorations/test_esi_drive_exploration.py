@@ -403,5 +403,5 @@ EACH_SCENES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize('most', [200, pytest.param(10_000, marks=pytest.mark.proof)])
 @pytest.mark.parametrize('name', EACH_SCENES)
 def test_each_axis_in_states_near_the_start(name: str, most: int) -> None:
-    """Two axes have the square of the states of one."""
+    """Two axes have many more states than one; 'one command' and 'one cleared' end before."""
     explore(EachWorld(**EACH_SCENES[name]), f'here.EachWorld(**here.EACH_SCENES[{name!r}])', most)

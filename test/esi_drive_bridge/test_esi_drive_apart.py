@@ -222,6 +222,14 @@ def test_errors_of_one_axis_are_cleared_while_the_other_moves(rig: Apart, name: 
     assert not cleared[-1]
 
 
+def test_errors_of_all_are_cleared_once_those_of_each_axis_are(rig: Apart) -> None:
+    play(rig, {'status': said((2, 1), (2, 1))}, 3, ask('clear_errors'))
+    play(rig, {'status': said((2, 1), (0, 0))}, 2)
+    assert rig.of(Answer) == []
+    play(rig, {'status': IDLE}, 2)
+    assert rig.of(Answer) == [Answer('clear_errors', True, 'the errors are cleared')]
+
+
 def test_one_axis_cannot_be_apart() -> None:
     with pytest.raises(ValueError, match='axes_enable = each: two names are needed'):
         make_settings(axes=axes(Mode.VELOCITY)[:1], layout=Layout.PADDED, axes_enable='each')

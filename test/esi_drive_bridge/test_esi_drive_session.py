@@ -541,6 +541,12 @@ def test_clearing_ends_at_its_time_however_often_it_is_asked_for(rig: Rig) -> No
 # Commands in counts.
 
 
+@pytest.mark.parametrize('values', [(1.0,), (1.0, 2.0, 3.0)])
+def test_wrong_number_of_values_is_refused(rig: Rig, values: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match='values for 2 axes'):
+        rig.session.set_command(values, rig.now)
+
+
 def test_values_saturate_together_and_are_counted() -> None:
     left, right = Axis('left', Mode.TORQUE, 0.5), Axis('right', Mode.TORQUE, 0.25, inverted=True)
     rig = Rig(axes=(left, right))
@@ -722,6 +728,8 @@ def test_errors_say_what_to_call(rig: Rig) -> None:
     assert rig.session.problems(rig.now)[-1][1].startswith('then call ~/clear_errors')
     rig.hear(status(0x42))  # its own words name it already
     assert len(rig.session.problems(rig.now)) == 1
+    rig.hear(status(0x42, errors=1))  # one of both does
+    assert len(rig.session.problems(rig.now)) == 2
 
 
 @pytest.mark.parametrize(
