@@ -50,6 +50,7 @@ WORLDS = {
     ),
     'quick': replace(CONFIG, operators=(Operator('low', 1, 0.1),), sources=CONFIG.sources[:2]),
     'slow autonomy': replace(CONFIG, neutral_time=0.25, autonomy=Autonomy(timeout=5.0)),
+    'torques': replace(CONFIG, torques=True, sources=(ALWAYS, REMOTE)),
     'drive': replace(CONFIG, drives=('',)),
     'two drives': replace(CONFIG, drives=('front', 'rear')),
     'joints': replace(CONFIG, feedback=FEEDBACK),

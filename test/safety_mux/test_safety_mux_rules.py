@@ -97,6 +97,8 @@ STOPS = {
         reason nobody had control""",
     'a trace of rounding ends in time': """with stop_time=0.0390625; active low; soft stop!; tick;
         is STOPPING; 0.0390625 s; is STOPPED""",
+    'a torque that is to end is zero at once': """in torques; active low;
+        {high off!; tick; is READY|high drive!; tick; is ACTIVE high; at 0 0}""",
     # Hold and trip.
     'a hold lasts': """active low; low rest; hold; 1 s; is STOPPED; reset no; reply a test; unhold;
         0.6 s; reset""",

@@ -213,7 +213,7 @@ CHANGES: tuple[Callable[[MuxBench], object], ...] = (
     ('inhibit', 'remedy'),
     [
         ('waiting for reset: call ~/reset', 'call it when nothing else is listed'),
-        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'do as its node says'),
+        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
         (
             "operator 'fort' is invalid: it has 2 axes, 6 are needed",
             'correct operator',
