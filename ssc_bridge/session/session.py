@@ -388,7 +388,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         elif not self.status.config_available:
             self._finish_lockout(True, _LOCKED)
 
-    # Commands.
+    # What follows from it.
 
     def _pulse_of(self, name: str, position: float) -> tuple[int, float]:
         servo = self.outputs.servos.get(name)
@@ -424,8 +424,6 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         """Answer a lockout that is asked for."""
         self._events += self._lockout.finish(success, text)
 
-    # Stops and frames.
-
     def _stop(self, reasons: Sequence[str], now: float) -> None:
         """Have every output at its failsafe, if there are reasons; what was asked is forgotten."""
         if reasons:
@@ -443,8 +441,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def _count(self) -> int:
         """Return how many outputs there are, as far as is known."""
-        known = self.configuration
-        return len(self.outputs.sent) if known is None else known.outputs
+        return self.configuration.outputs if self.configuration else len(self.outputs.sent)
 
     def _tell_sent(self) -> None:
         if self.outputs.sent != self._told:
