@@ -36,16 +36,6 @@ def expiry(size: int, baud: float) -> float:
     return max(_EXPIRE, 2.0 * size * BITS_PER_BYTE / baud)
 
 
-def draft_of(kind: type[Any]) -> type[Any]:
-    """
-    Return the class of a frozen, slotted dataclass before it is frozen: the same slots, no checks.
-
-    What is read from a wire fits its fields, and a frozen dataclass takes longer to set them than
-    all else takes. So a reader fills a draft, and then makes it the real thing by ``__class__``.
-    """
-    return type(kind.__name__, kind.__bases__, {'__slots__': kind.__slots__})
-
-
 class Datagram(bytes):
     """What one datagram has brought. :param source: its sender, as 'address:port'."""
 
