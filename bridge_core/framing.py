@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')
