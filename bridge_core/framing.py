@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 MessageT = TypeVar('MessageT')
 FrameT = TypeVar('FrameT')
@@ -34,16 +34,6 @@ def expiry(size: int, baud: float) -> float:
     :param size: bytes of the largest frame that comes. :param baud: of the line.
     """
     return max(_EXPIRE, 2.0 * size * BITS_PER_BYTE / baud)
-
-
-def draft_of(kind: type[Any]) -> type[Any]:
-    """
-    Return the class of a frozen, slotted dataclass before it is frozen: the same slots, no checks.
-
-    What is read from a wire fits its fields, and a frozen dataclass takes longer to set them than
-    all else takes. So a reader fills a draft, and then makes it the real thing by ``__class__``.
-    """
-    return type(kind.__name__, kind.__bases__, {'__slots__': kind.__slots__})
 
 
 class Datagram(bytes):
