@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
 from bridge_core.diagnostics import to_msg
 from bridge_core.input_guard import InputGuard
-from bridge_core.report import Report, Status
+from bridge_core.report import Status
 from bridge_core.session import Level
 
 
@@ -33,19 +32,19 @@ class BridgeDiagnostics:
         """Tell whether inputs have other faults than were published."""
         return self._faults != self._inputs.faults(now)
 
-    def publish(self, report: Report, more: Mapping[str, Mapping[str, Any]], now: float) -> None:
-        """Publish a report. :param more: values of the node's own, by 'link' and 'device'."""
+    def publish(self, link: Status, device: Status, now: float) -> None:
+        """Publish both, the device's with what is wrong with inputs."""
         unpublished = self._inputs.count_publishers()
         self._faults = self._inputs.faults(now)
-        level, message, values = report.device
         if self._faults:
-            level, message = Level.ERROR, '; '.join([*self._faults, message])
+            message = '; '.join([*self._faults, device.message])
+            device = device._replace(level=Level.ERROR, message=message)
         if unpublished:
-            message += f'; nobody publishes {", ".join(unpublished)}'
+            message = f'{device.message}; nobody publishes {", ".join(unpublished)}'
+            device = device._replace(message=message)
         name, hardware_id = self._node.full_name, self._node.hardware_id
         array = DiagnosticArray()
         array.header.stamp = self._node.stamp()
-        for part, status in (('link', report.link), ('device', Status(level, message, values))):
-            status = status._replace(values={**status.values, **more[part]})
+        for part, status in (('link', link), ('device', device)):
             array.status.append(to_msg(status, f'{name}: {part}', hardware_id))
         self._publisher.publish(array)

@@ -252,17 +252,12 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 self._deferred.tell(event)
 
     def _tell(self, event: Any) -> None:
-        if isinstance(event, Answer):
-            self.on_answer(event)
-        else:
+        """Publish an event, or answer those who wait for it; nobody waits: log the answer."""
+        if not isinstance(event, Answer):
             self.on_event(event)
-
-    def on_answer(self, answer: Answer) -> None:
-        """Answer the services that wait for it; log one that nobody waits for."""
-        if not self._waiting.answer(answer):
-            self.log(
-                Level.OK if answer.success else Level.WARN, f'{answer.request}: {answer.text}'
-            )
+        elif not self._waiting.answer(event):
+            level = Level.OK if event.success else Level.WARN
+            self.log(level, f'{event.request}: {event.text}')
 
     def on_refused(self, number: int, key: str, text: str) -> None:
         """Count and log why a request makes no sense; tell who waits for it."""
@@ -336,19 +331,19 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def _diagnose(self, now: float) -> None:
         if self._report is None:
             return
-        own: dict[str, Any] = {}
-        report = self._report
+        link, device = self._report
+        values: dict[str, Any] = {}
         if self.active:
-            own = {
+            values = {
+                **link.values,
                 'node process': os.getpid(),
                 'refused requests': self.refused,
                 'last refusal': self.refusal or 'none',
             }
             if self._raw is not None:
-                own['not in ~/raw'] = self._raw.dropped
-        else:
-            report = report._replace(link=report.link._replace(values={}))
-        self._diagnostics.publish(report, {'link': own, 'device': self.extra_values()}, now)
+                values['not in ~/raw'] = self._raw.dropped
+        device = device._replace(values={**device.values, **self.extra_values()})
+        self._diagnostics.publish(link._replace(values=values), device, now)
 
     def device_state(self) -> Any:
         """Return the DiagnosticStatus of ``~/device``; asked for if ``TELLS_DEVICE``."""

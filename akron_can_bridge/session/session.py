@@ -203,8 +203,10 @@ class Session(BaseSession[CanFrame, Received, Event]):
             self.oscillation.disown()
             if not self.link_up:
                 self.unit.lost()
-            elif not self.unit.versions_known:
-                self._asker.start(Request.POLL_VERSIONS, now)
+            else:
+                self.unit.found()
+                if not self.unit.versions_known:
+                    self._asker.start(Request.POLL_VERSIONS, now)
             if self._vista is not None:
                 self._vista.start(now)
         self._was_up = self.link_up

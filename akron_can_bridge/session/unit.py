@@ -155,9 +155,13 @@ class Unit:
             self.broadcast(DigitalInputs, now),
         )
 
+    def found(self) -> None:
+        """Have its faults asked for at once: those of before may be others now."""
+        self._faults_at = -math.inf
+
     def lost(self) -> None:
         """Forget what a unit that is not heard may have changed meanwhile."""
-        self.faults, self._in_error, self._faults_at = None, False, -math.inf
+        self.faults, self._in_error = None, False
         for kind in (VistaData, VistaPosition):
             self._kept.pop(kind, None)
 

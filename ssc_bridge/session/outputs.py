@@ -133,12 +133,10 @@ class Outputs:
         What was sent before it went, by this process or one before it, must not stay in force.
         """
         self._releases = self._release_frames if self._in_use else 0
-        self._looks_until = None
         if self._urgent:  # a failsafe waits for nothing that the device might tell
             return
         is_sought = any(channel.is_sought for channel in self._channels)
-        if is_sought:
-            self._looks_until = now + _LOOK_FIRST
+        self._looks_until = now + _LOOK_FIRST if is_sought else None
         self._pacer.start(now + (_LOOK_LONGEST if is_sought else _LOOK_FIRST))
 
     def claim(self) -> None:
@@ -176,7 +174,6 @@ class Outputs:
         """Note what drives the outputs, as the device says. :param serial: those on SERIAL."""
         if self._looks_until is not None:
             self._pacer.start(max(self._looks_until, now))
-            self._looks_until = None
         for number, pulse in enumerate(us, 1):
             if pulse is not None:
                 self._channels[number - 1].driven_elsewhere(pulse, serial=number in serial)

@@ -27,6 +27,7 @@ from akron_can_bridge.session import (
     LimitsChanged,
     OutputsChanged,
     Positions,
+    Settings,
 )
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
@@ -269,6 +270,33 @@ def test_filters_pass_all_that_is_taken_and_hardly_more() -> None:
 
 
 # -- settings -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'source_address': 0x32},
+        {'source_address': 0x39},
+        {'joy_source': 0x12},
+        {'joy_source': 0x38},
+        {'allowed_joysticks': frozenset({0})},
+        {'allowed_joysticks': frozenset({0x38})},
+        {'device_pin': '1032'},
+        {'device_pin': 'A032AE100801035'},
+        {'device_pin': '1032\x00\x00100801035'},
+        {'device_pin': '1035AE100801035'},  # a joystick
+        {'device_type': 1035},
+        {'link_timeout': 0.1},
+        {'link_timeout': math.nan},
+        {'command_timeout': 0.0},
+        {'estop_in_timeout': 9.0},
+        {'answer_timeout': 0.0},
+        {'vista_rate': -1.0},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options)).split('_')[0]):
+        Settings(**options)
 
 
 # -- what is known of a unit that was lost --------------------------------------------------------

@@ -55,6 +55,17 @@ def device(pty: Pty, observer: Observer) -> ToyDevice:
     return ToyDevice(pty, observer)
 
 
+@contextlib.contextmanager
+def healthy(
+    device: ToyDevice, link: str = 'thread', **options: Any
+) -> Iterator[tuple[NodeProcess, Record]]:
+    """Run a node until its device lets go; give it with what it says on ``~/estop``."""
+    with toy(device.pty.path, link, **options) as node:
+        estop = device.observer.record(Bool, ESTOP, latched())
+        wait_value(device.observer, estop, False)
+        yield node, estop
+
+
 # The stop topics.
 
 
@@ -102,8 +113,7 @@ def test_unplugged_says_stop_and_comes_back_by_itself(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
     # With a timeout of 10 s only the loss of the port itself can be the reason.
-    with toy(device.pty.path, link, reconnect_period=0.2, link_timeout=10.0):
-        estop = observer.record(Bool, ESTOP, latched())
+    with healthy(device, link, reconnect_period=0.2, link_timeout=10.0) as (_, estop):
         link_up = observer.record(Bool, '/toy_bridge/link_up', latched())
         for _ in range(2):
             wait_value(observer, estop, False)
@@ -117,9 +127,7 @@ def test_unplugged_says_stop_and_comes_back_by_itself(
 
 
 def test_silence_says_stop(device: ToyDevice, observer: Observer, link: str) -> None:
-    with toy(device.pty.path, link) as node:
-        estop = observer.record(Bool, ESTOP, latched())
-        wait_value(observer, estop, False)
+    with healthy(device, link) as (node, estop):
         device.talking = False
         wait_value(observer, estop, True)
         node.wait_output('limit 250 ms')
@@ -130,10 +138,8 @@ def test_silence_says_stop(device: ToyDevice, observer: Observer, link: str) -> 
 def test_own_stop_leaves_out_what_the_node_itself_asked(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, link, link_timeout=OUTLASTS_GAPS):
-        estop = observer.record(Bool, ESTOP, latched())
+    with healthy(device, link, link_timeout=OUTLASTS_GAPS) as (_, estop):
         own = observer.record(Bool, '/toy_bridge/own_estop', latched())
-        wait_value(observer, estop, False)
         wait_value(observer, own, False)
         request = observer.publisher(Bool, '/toy_bridge/request_stop')
         request.publish(Bool(data=True))
@@ -146,9 +152,7 @@ def test_own_stop_leaves_out_what_the_node_itself_asked(
 def test_deactivation_says_stop_and_farewell(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    with toy(device.pty.path, link):
-        estop = observer.record(Bool, ESTOP, latched())
-        wait_value(observer, estop, False)
+    with healthy(device, link) as (_, estop):
         assert observer.change_state('/toy_bridge', 'deactivate')
         wait_value(observer, estop, True)
         device.pty.wait_received(b'BYE')
@@ -160,8 +164,7 @@ def test_deactivation_says_stop_and_farewell(
 
 def test_frozen_node_does_not_believe_what_piled_up(device: ToyDevice, observer: Observer) -> None:
     first = []
-    with toy(device.pty.path) as node:
-        estop = observer.record(Bool, ESTOP, latched())
+    with healthy(device) as (node, estop):
         for _ in range(4):
             device.talking = True
             wait_value(observer, estop, False)
@@ -382,9 +385,7 @@ def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
 def test_signal_says_farewell_and_stop_and_exits_0(
     device: ToyDevice, observer: Observer, number: int, link: str
 ) -> None:
-    with toy(device.pty.path, link) as node:
-        estop = observer.record(Bool, ESTOP, latched())
-        wait_value(observer, estop, False)
+    with healthy(device, link) as (node, estop):
         assert node.end(number, timeout=5.0) == 0
         device.pty.wait_received(b'BYE')
         wait_value(observer, estop, True)
@@ -416,11 +417,8 @@ def test_signal_ends_it_with_0_whatever_the_port_does(
         assert 'Traceback' not in node.output
 
 
-def test_second_signal_does_not_break_the_exit(
-    device: ToyDevice, observer: Observer, link: str
-) -> None:
-    with toy(device.pty.path, link) as node:
-        wait_value(observer, observer.record(Bool, ESTOP, latched()), False)
+def test_second_signal_does_not_break_the_exit(device: ToyDevice, link: str) -> None:
+    with healthy(device, link) as (node, _):
         node.signal(SIGTERM)
         node.signal(SIGINT)
         assert node.end(SIGTERM) == 0
@@ -432,14 +430,8 @@ from dataclasses import replace
 from functools import partial
 
 from bridge_core.runner import run
-from bridge_core.transports import TransportError
 from stage.toy_bridge import ToyBridge
-from stage.toy_wire import BRIDGE
-from stage.toy_rig import ESTOP
-from stage.toy_rig import ToyDevice
-from stage.toy_rig import wait_repeats
-from stage.toy_rig import wait_value
-from stage.toy_wire import Session
+from stage.toy_wire import BRIDGE, Session
 
 
 class BadNode(ToyBridge):

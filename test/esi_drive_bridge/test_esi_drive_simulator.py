@@ -153,6 +153,14 @@ def test_packets_in_any_split_with_noise_between(bench: Bench) -> None:
     assert bench.see('crc_errors') == 2
 
 
+def test_mute_and_rate(bench: Bench) -> None:
+    bench.drive.apply('mute on')
+    assert bench.run(DISABLE, 0.1) == []
+    bench.drive.apply('mute off')
+    bench.drive.apply('rate 10')
+    assert len(bench.run(DISABLE, 1.0)) == pytest.approx(10, abs=1)
+
+
 def test_a_slow_drive_takes_its_time_to_enable(bench: Bench) -> None:
     bench.drive.apply('enabling 0.5')
     bench.run(MANUAL_1000_RPM, 0.49)

@@ -15,6 +15,7 @@ import pytest
 
 from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe, Servo
+from ssc_bridge.protocol import MAX_OUTPUTS
 from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session, Settings
 from ssc_bridge.session.outputs import RELEASE_TIME
 from ssc_bridge.session.report import warnings
@@ -62,6 +63,13 @@ def test_commands_become_pulses(
     assert Rig(servos=servos).start().play(script).pulses()[-1][: len(us)] == us
 
 
+def test_every_output_may_be_commanded() -> None:
+    rig = Rig()
+    rig.inputs, rig.sources, rig.outputs = [1500], [3] * MAX_OUTPUTS, [0x8000] * MAX_OUTPUTS
+    rig.start().play('do us=' + '1500,' * MAX_OUTPUTS)
+    assert list(rig.session.outputs.commanded()) == [*range(1, MAX_OUTPUTS + 1)]
+
+
 def test_only_what_is_beyond_the_limits_counts_as_limited() -> None:
     rig = servo_rig().play('do us=2000')
     assert rig.session.outputs.limited == 0
@@ -84,15 +92,19 @@ def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the
 
 
 SLOW = Servo(name='slow', channel=2, rate_us_per_s=100.0)
-BEGINNINGS = [  # what happens to a slow servo, and between which pulses it is then
-    ('out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
-    ('15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
+HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD)
+BEGINNINGS = [  # a servo, what happens to it, and between which pulses it is then
+    (SLOW, 'out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
+    (SLOW, '15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
+    # At a failsafe pulse, or held after a command, whoever drives the output now.
+    (TILT, 'src 3=0x30; 15; 60; out 3=1900; hear 12; 2 tilt=1', 1100, 1140),
+    (HELD_TILT, 'src 3=0x30; 15; 9 tilt=0; 60; out 3=1900; hear 12; 2 tilt=1', 1200, 1240),
 ]
 
 
-@pytest.mark.parametrize(('script', 'least', 'most'), BEGINNINGS)
-def test_servo_begins_where_it_is(script: str, least: int, most: int) -> None:
-    assert least <= Rig(servos=(SLOW,)).play(script).pulses()[-1][1] <= most
+@pytest.mark.parametrize(('servo', 'script', 'least', 'most'), BEGINNINGS)
+def test_servo_begins_where_it_is(servo: Servo, script: str, least: int, most: int) -> None:
+    assert least <= Rig(servos=(servo,)).play(script).pulses()[-1][servo.channel - 1] <= most
 
 
 def test_rate_is_kept_whatever_is_asked() -> None:
@@ -277,6 +289,12 @@ def test_outputs_of_a_session_before_are_released_once_they_are_claimed() -> Non
     rig.session.claim_outputs(rig.now)
     assert rig.session.values(rig.now)['commands not obeyed because'] != 'there are none'
     assert rig.play('150').pulses() == [NOTHING] * RELEASES
+
+
+def test_command_that_never_went_out_needs_no_release() -> None:
+    rig = Rig(command_rate=1.0).start().play('do us=1500; estop!; estop; 300')
+    assert [event.names for event in rig.of(FailsafeBegun)] == [('output 1',)]
+    assert rig.pulses() == []
 
 
 @pytest.mark.parametrize('failsafe', [Failsafe.RELEASE, Failsafe.HOLD])
