@@ -98,7 +98,7 @@ class SafetyMux(ManagedNode):
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
         self.lane.every(1.0 / self.values['status_rate'], self._publish_status)
-        self.lane.every(_DIAGNOSTICS_PERIOD, lambda now: self._diagnose(self._status_message(now)))
+        self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.lane.start()
 
     def create_repeated(self, kind: Any, topic: str, qos: QoSProfile, period: float) -> Repeated:

@@ -39,7 +39,7 @@ class FaultyStack(Stack):
         """Have a method raise from now on, and have it called; return the moment."""
         cause = time.monotonic()
         (self._folder / method).touch()
-        if method.endswith('_on_trip'):
+        if method.endswith('.on_trip'):
             self.ask(TRIP)
         elif method.endswith('_on_set_parameters'):
             wanted = Parameter('hold_time', value=0.4).to_parameter_msg()
