@@ -1,0 +1,311 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Challenges and proofs: their bytes, what a reader believes, and every kind of bad message."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+import math
+import random
+import struct
+from typing import Any
+from zlib import crc32
+
+from hypothesis import given, strategies as st
+import pytest
+
+from bridge_core.proof import (
+    Challenge,
+    LATELY,
+    PERIOD,
+    Proof,
+    ProofError,
+    Reader,
+    TOGETHER_TIME,
+    Vouched,
+    Writer,
+)
+
+NOW = 64.0
+SILENCE = 0.5
+ME, OTHER = 0x0102030405060708, 2
+WRITER, TWIN = 77, 78
+ONE = Proof(WRITER, 5, 2, 1, estop=False, own_estop=False, newest=9, answers=((ME, -3),))
+
+
+def test_layouts_worked_out_by_hand() -> None:
+    body = b'RC\1\0' + bytes(range(8, 0, -1)) + struct.pack('<q', 5_000_000_000)
+    assert Challenge(ME, 5_000_000_000).to_bytes() == body + struct.pack('<I', crc32(body))
+    body = b'RP\1\7' + struct.pack('<QQIIqQq', 3, 4, 5, 6, 7, 8, 9)
+    proof = Proof(3, 4, 5, 6, True, True, True, 7, ((8, 9),))
+    assert proof.to_bytes() == body + struct.pack('<I', crc32(body))
+
+
+U64, U32, I64 = (
+    st.integers(0, 2**64 - 1),
+    st.integers(0, 2**32 - 1),
+    st.integers(-(2**63), 2**63 - 1),
+)
+FLAG = st.booleans()
+
+
+@given(U64, U64, U32, U32, FLAG, FLAG, FLAG, I64, st.lists(st.tuples(U64, I64), max_size=16))
+def test_round_trip(
+    writer: int,
+    number: int,
+    stops: int,
+    own: int,
+    estop: bool,
+    own_estop: bool,
+    enable: bool,
+    newest: int,
+    answers: list[tuple[int, int]],
+) -> None:
+    flags = (estop, own_estop, enable)
+    proof = Proof(writer, number, stops, own, *flags, newest, tuple(answers))
+    assert Proof.from_bytes(proof.to_bytes()) == proof
+
+
+@pytest.mark.parametrize('kind', [Challenge, Proof])
+@given(data=st.binary(max_size=120))
+def test_noise_is_nothing(kind: type[Challenge | Proof], data: bytes) -> None:
+    with pytest.raises(ProofError):
+        kind.from_bytes(data)
+
+
+def test_every_flipped_bit_and_every_cut_is_found() -> None:
+    for message, kind in ((ONE.to_bytes(), Proof), (Challenge(ME, 1).to_bytes(), Challenge)):
+        for bit in range(8 * len(message)):
+            spoilt = bytearray(message)
+            spoilt[bit // 8] ^= 1 << bit % 8
+            with pytest.raises(ProofError):
+                kind.from_bytes(bytes(spoilt))
+        for size in range(len(message)):
+            with pytest.raises(ProofError):
+                kind.from_bytes(message[:size])
+
+
+@pytest.mark.parametrize('head', [b'RC\2\0', b'RX\1\0', b'RP\1\0'])
+def test_sound_message_of_another_kind_or_version_is_no_challenge(head: bytes) -> None:
+    body = head + bytes(16)
+    with pytest.raises(ProofError, match='begins with'):
+        Challenge.from_bytes(body + struct.pack('<I', crc32(body)))
+
+
+def test_proof_with_half_an_answer_and_challenge_with_a_tail_are_none() -> None:
+    body = ONE.to_bytes()[:-4] + b'\0'
+    with pytest.raises(ProofError, match='a proof of'):
+        Proof.from_bytes(body + struct.pack('<I', crc32(body)))
+    body = Challenge(ME, 1).to_bytes()[:-4] + b'\0'
+    with pytest.raises(ProofError, match='a challenge of'):
+        Challenge.from_bytes(body + struct.pack('<I', crc32(body)))
+
+
+# -- a writer -------------------------------------------------------------------------------------
+
+
+def proof_of(writer: Writer, now: float = NOW) -> Proof:
+    return Proof.from_bytes(writer.proof(now))
+
+
+def test_writer_counts_stops_and_numbers_its_proofs() -> None:
+    writer = Writer(WRITER)
+    first = proof_of(writer)
+    assert (first.number, first.stops, first.estop, first.own_estop) == (1, 0, True, True)
+    assert not writer.say(estop=False, own_estop=False)
+    assert writer.say(estop=True, own_estop=False)
+    assert not writer.say(estop=True, own_estop=False)
+    assert writer.say(estop=True, own_estop=True)
+    writer.say(estop=False, own_estop=False, enable=True)
+    writer.vouch(123)
+    last = proof_of(writer)
+    assert (last.number, last.stops, last.own_stops) == (2, 1, 1)
+    assert (last.estop, last.own_estop, last.enable, last.newest) == (False, False, True, 123)
+
+
+def test_writer_answers_the_newest_challenge_of_each_reader_for_a_while() -> None:
+    writer = Writer(WRITER)
+    for reader, when, answered in (
+        (ME, 5, True),
+        (ME, 7, True),
+        (ME, 6, False),
+        (OTHER, 1, True),
+    ):
+        assert writer.hear(Challenge(reader, when).to_bytes(), NOW) is answered
+    assert not writer.hear(b'nonsense', NOW)
+    assert writer.damaged == 1
+    assert proof_of(writer).answers == ((ME, 7), (OTHER, 1))
+    writer.hear(Challenge(OTHER, 2).to_bytes(), NOW + LATELY / 2)
+    assert proof_of(writer, NOW + LATELY).answers == ((OTHER, 2),)
+
+
+def test_writer_answers_sixteen_readers_and_another_once_one_is_gone() -> None:
+    writer = Writer(WRITER)
+    assert all(writer.hear(Challenge(each, 1).to_bytes(), NOW) for each in range(16))
+    assert not writer.hear(Challenge(99, 1).to_bytes(), NOW)
+    assert writer.hear(Challenge(99, 1).to_bytes(), NOW + LATELY)
+
+
+# -- a reader -------------------------------------------------------------------------------------
+
+
+class Exchange:
+    """A reader and its writer, with a channel that takes no time unless it is told to."""
+
+    def __init__(self) -> None:
+        self.now = NOW
+        self.reader, self.writer = Reader(ME, SILENCE), Writer(WRITER)
+        self.writer.say(estop=False, own_estop=False)
+
+    def ask(self) -> None:
+        self.writer.hear(self.reader.challenge(self.now), self.now)
+
+    def turn(self, delay: float = 0.0) -> Any:
+        """Ask and hear the answer so much later."""
+        self.ask()
+        data = self.writer.proof(self.now)
+        self.now += delay
+        return self.reader.hear(data, self.now)
+
+
+def test_age_is_that_of_the_challenge_and_grows_in_silence() -> None:
+    it = Exchange()
+    assert it.reader.age(NOW) == math.inf
+    it.turn(delay=0.25)
+    assert it.reader.as_of == NOW
+    assert it.reader.age(it.now) == 0.25
+    assert it.reader.age(it.now + 1.0) == 1.25
+    it.turn()
+    assert it.reader.age(it.now) == 0.0
+
+
+def test_answer_to_somebody_else_or_to_what_was_never_asked_proves_nothing() -> None:
+    it = Exchange()
+    it.ask()
+    for number, answers in enumerate([(), ((OTHER, 64_000_000_000),), ((ME, 63_999_999_999),)], 1):
+        assert it.reader.hear(replace(ONE, number=number, answers=answers).to_bytes(), NOW)
+        assert it.reader.as_of == -math.inf
+    assert it.reader.unasked == 1
+
+
+def test_older_answer_does_not_make_it_older() -> None:
+    it = Exchange()
+    it.ask()
+    early = it.writer.proof(it.now)
+    it.now += PERIOD
+    it.turn()
+    newest = it.reader.as_of
+    assert it.reader.hear(early, it.now) is None
+    assert (it.reader.as_of, it.reader.repeated) == (newest, 1)
+
+
+@pytest.mark.parametrize(
+    ('says', 'stopped', 'own_stopped'),
+    [
+        ([], False, False),
+        ([(True, True)], True, True),
+        ([(True, True), (False, False)], True, True),  # came and went between two proofs
+        ([(True, False), (False, False)], True, False),
+        ([(True, False), (False, False)] * 3, True, False),
+    ],
+)
+def test_stop_between_two_proofs_is_told(
+    says: list[tuple[bool, bool]], stopped: bool, own_stopped: bool
+) -> None:
+    it = Exchange()
+    it.turn()
+    for estop, own in says:
+        it.writer.say(estop=estop, own_estop=own)
+    for _ in range(3):
+        it.writer.proof(it.now)  # lost
+    heard = it.turn()
+    assert (heard.stopped, heard.own_stopped) == (stopped, own_stopped)
+    heard = it.turn()
+    still = says[-1:] == [(True, True)]
+    assert (heard.stopped, heard.own_stopped) == (still, still)
+
+
+def test_second_writer_beside_the_first_is_a_stop_for_three_seconds() -> None:
+    it = Exchange()
+    it.turn()
+    twin = replace(ONE, writer=TWIN, answers=((ME, round(NOW * 1e9)),))
+    heard = it.reader.hear(twin.to_bytes(), it.now)
+    assert heard is not None
+    assert (heard.stopped, heard.own_stopped, heard.as_of) == (True, True, NOW)
+    assert (it.reader.writer, it.reader.second) == (WRITER, TWIN)
+    assert it.reader.is_doubled(it.now + TOGETHER_TIME - 0.125)
+    assert not it.reader.is_doubled(it.now + TOGETHER_TIME)
+
+
+def test_writer_that_was_restarted_has_stopped_and_proves_its_age_anew() -> None:
+    it = Exchange()
+    it.turn()
+    it.now += SILENCE
+    it.writer = Writer(TWIN)
+    it.writer.say(estop=False, own_estop=False)
+    heard = it.reader.hear(it.writer.proof(it.now), it.now)
+    assert heard is not None
+    assert (heard.stopped, heard.estop, heard.as_of) == (True, False, -math.inf)
+    heard = it.turn()
+    assert (heard.stopped, heard.as_of) == (False, it.now)
+
+
+def test_faults_of_a_channel_in_many_messages_are_all_found() -> None:
+    """What is believed was said as late as it is taken for."""
+    source = random.Random(1)
+    it = Exchange()
+    said: dict[bytes, float] = {}
+    lately: deque[bytes] = deque(maxlen=200)
+    stops = told = 0
+    for _ in range(20_000):
+        it.now += source.choice((0.01, 0.02, 0.05))
+        it.ask()
+        if source.random() < 0.1:
+            stops += it.writer.say(estop=True, own_estop=True)
+            it.writer.say(estop=False, own_estop=False)
+        data = it.writer.proof(it.now)
+        said[data] = it.now
+        lately.append(data)
+        fault = source.randrange(6)
+        if fault == 0:
+            continue  # lost
+        if fault == 1:
+            data = source.choice(lately)  # repeated, late or in the wrong order
+        elif fault == 2:
+            spoilt = bytearray(data)
+            for place in source.sample(range(len(spoilt)), source.randint(1, 4)):
+                spoilt[place] ^= 1 << source.randrange(8)
+            data = bytes(spoilt)
+        elif fault == 3:
+            data = replace(ONE, answers=()).to_bytes() if source.random() < 0.01 else b''
+            it.now += 1.0 * bool(data)  # inserted, and then silence
+        heard = it.reader.hear(data, it.now)
+        if heard is not None and it.reader.writer == WRITER and data in said:
+            assert it.reader.as_of <= said[data] + 1e-9
+            told += heard.stopped
+    assert 0 < told <= stops
+
+
+# -- what has a stamp -----------------------------------------------------------------------------
+
+
+def test_message_is_as_old_as_the_newest_proof_by_which_it_was_the_newest() -> None:
+    vouched = Vouched()
+    assert vouched.as_of(5) == -math.inf
+    vouched.prove(0, 1.0)
+    vouched.prove(100, 2.0)
+    assert (vouched.as_of(99), vouched.as_of(100), vouched.as_of(101)) == (1.0, 2.0, 2.0)
+    vouched.prove(100, 3.0)  # it still is
+    assert vouched.as_of(100) == 3.0
+    vouched.prove(200, 4.0)
+    assert (vouched.as_of(100), vouched.as_of(200)) == (3.0, 4.0)
+    assert vouched.as_of(-1) == -math.inf
+
+
+def test_clock_that_is_set_back_leaves_nothing_of_before_vouched_for() -> None:
+    vouched = Vouched()
+    vouched.prove(100, 1.0)
+    vouched.prove(50, 2.0)
+    assert (vouched.as_of(49), vouched.as_of(50)) == (-math.inf, 2.0)
