@@ -169,11 +169,10 @@ class AkronCanBridge(BridgeNode[Event]):
 
     def _publish_sticks(self, sticks: Sticks) -> None:
         self._streaming = sticks != Sticks()
-        self._joy.publish(
-            convert.joy(
-                sticks.axes, sticks.switches, *self.header(), deadband=self.values['deadband']
-            )
+        joy = convert.joy(
+            sticks.axes, sticks.switches, *self.header(), deadband=self.values['deadband']
         )
+        self._joy.publish(self.vouched(joy))
 
     # Requests.
 

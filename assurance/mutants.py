@@ -72,6 +72,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
+    'bridge_core/proof.py': ('proof', 'proof_exploration', 'safety_mux_proofs'),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
@@ -89,6 +90,7 @@ _NAMES_OF_TESTS = {
         )
     },
     'safety_mux/intake.py': ('safety_mux_intake',),
+    'safety_mux/proofs.py': ('safety_mux_proofs',),
     **{
         f'safety_mux/{name}.py': (*(f'safety_mux_{n}' for n in ('intake', 'mapping')), *_MUX)
         for name in ('protocol', 'settings')

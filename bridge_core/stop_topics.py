@@ -12,6 +12,7 @@ from typing import Any
 from std_msgs.msg import Bool
 
 from bridge_core.managed_node import latched_qos
+from bridge_core.proof_topics import ProofTopics
 from bridge_core.session import Verdict
 
 
@@ -32,6 +33,7 @@ class StopTopics:
         self.verdict = verdict  # as published last
         self.beside: Callable[[Verdict], None] = lambda verdict: None  # publishes parts of it
         self.repeat_at = 0.0
+        self.proofs = ProofTopics(node)
         self.publish()
         self._link_up.publish(Bool(data=verdict.link_up))
 
@@ -42,7 +44,8 @@ class StopTopics:
         self._own_estop.publish(Bool(data=self.verdict.own_estop))
 
     def repeat(self, now: float) -> bool:
-        """Publish it again if it is time to; tell whether it was."""
+        """Publish it again if it is time to; tell whether it was. Answer challenges."""
+        self.proofs.answer(now)
         if now < self.repeat_at:
             return False
         with self.lock:  # or a stop of another thread comes between the two, and is undone
@@ -55,6 +58,7 @@ class StopTopics:
         before, self.verdict = self.verdict, verdict
         if verdict != before:
             self.publish()
+            self.proofs.say(verdict, now)
             if verdict.link_up != before.link_up:
                 self._link_up.publish(Bool(data=verdict.link_up))
             self.repeat_at = now + self._period

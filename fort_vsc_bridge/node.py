@@ -123,15 +123,14 @@ class FortVscBridge(BridgeNode[Event]):
         return to_msg(state, self.full_name, self.hardware_id)
 
     def _publish_sticks(self, sticks: Sticks) -> None:
-        self._joy.publish(
-            convert.joy(
-                sticks.axes,
-                sticks.buttons,
-                *self.header(),
-                axis_full_scale=self.values['axis_full_scale'],
-                deadband=self.values['deadband'],
-            )
+        joy = convert.joy(
+            sticks.axes,
+            sticks.buttons,
+            *self.header(),
+            axis_full_scale=self.values['axis_full_scale'],
+            deadband=self.values['deadband'],
         )
+        self._joy.publish(self.vouched(joy))
 
     def _publish_gps(self, gps: GpsSentence) -> None:
         self._nmea.publish(String(data=gps.sentence))

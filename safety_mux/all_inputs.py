@@ -3,6 +3,7 @@
 
 """All inputs of a mux, and what arrives for each. The part of the arbiter that records."""
 
+from bridge_core.proof import Heard
 from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import DriveInput, Input, SourceInput, SpeedLimitInput
 from safety_mux.owners import AutonomyInput, demand_fault, OperatorInput
@@ -59,6 +60,18 @@ class Inputs:
     def own_estop_message(self, name: str, value: bool, now: float) -> None:
         """Record what a source demands by itself, without the echo of ``stop_demand``."""
         self.sources[name].own_estop(value, now)
+
+    def estop_proof(self, name: str, heard: Heard, now: float) -> None:
+        """Record a proof of the node of an e-stop source."""
+        self.sources[name].proof(heard, now)
+
+    def operator_proof(self, name: str, as_of: float, now: float) -> None:
+        """Record that an operator's newest message is no older than a moment; -inf: or it is."""
+        self.operators[name].prove(as_of, now)
+
+    def is_proven(self, kind: Kind, name: str) -> bool:
+        """Tell whether the node of an input proves ages, so that a lost message hides no stop."""
+        return self._named[kind, name].age is not None
 
     def operator_sample(self, name: str, sample: OperatorSample, now: float) -> None:
         """Record an operator's message."""

@@ -29,6 +29,8 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
                     name,
                     priority=values[f'operator.{name}.priority'],
                     timeout=values[f'operator.{name}.timeout'],
+                    proof=values[f'operator.{name}.proof'],
+                    age_limit=values[f'operator.{name}.age_limit'],
                 )
                 for name in names_of(values, 'operators')
             ),
@@ -125,6 +127,7 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     if values['interface'] == 'effort':
         _check_effort(values)
     _check_unused(values)
+    _check_proofs(values)
     twist = values['autonomy.type'] != 'JointState'
     if values['autonomy.topic'] and twist and len(values['joints']) != 2:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
@@ -199,6 +202,22 @@ def _check_unused(values: Mapping[str, Any]) -> None:
             raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 
+def _check_proofs(values: Mapping[str, Any]) -> None:
+    """Refuse to wait for proofs where nobody would look for any."""
+    for names, prefix, ending in (
+        ('estop_sources', 'estop', '/estop'),
+        ('operators', 'operator', '/joy'),
+    ):
+        for name in names_of(values, names):
+            parameter = f'{prefix}.{name}.proof'
+            topic = values[f'{prefix}.{name}.topic']
+            if values[parameter] == 'required' and not topic.endswith(ending):
+                raise ParameterError(
+                    f"parameter {parameter} = 'required': {topic!r} does not end with {ending}: "
+                    'there is no ~/proof beside it'
+                )
+
+
 def _outputs(values: Mapping[str, Any]) -> Iterator[str]:
     yield from ('~/estop', '~/enable', '~/state', '~/status')
     yield '~/command' if values['output'] == 'joints' else '~/cmd_vel'
@@ -255,6 +274,8 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
         operator=values[f'{prefix}.operator'] or None,
         stop_category=values[f'{prefix}.stop_category'],
         own_topic=bool(values[f'{prefix}.own_topic']),
+        proof=values[f'{prefix}.proof'],
+        age_limit=values[f'{prefix}.age_limit'],
     )
 
 

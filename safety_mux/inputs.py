@@ -9,7 +9,10 @@ and a released deadman must not be lost in between: they are kept, as ``lapse`` 
 the next tick. Of everything else only the newest value counts.
 """
 
-from bridge_core.watchdog import Watchdog
+import math
+
+from bridge_core.proof import Heard
+from bridge_core.watchdog import in_words, Watchdog
 from safety_mux.settings import EStopSource, SpeedLimit
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
@@ -21,13 +24,19 @@ class Input:
 
     :param label: its name in words, such as "e-stop source 'near'".
     :param timeout: seconds after which it is stale.
+    :param age_limit: seconds; what it says is too old beyond that, once its node proves ages.
+    :param proven: its node has to, from the first message on.
     """
 
-    __slots__ = ('device_words', 'faults', 'label', 'lapse', 'watchdog')
+    __slots__ = ('age', 'age_limit', 'device_words', 'faults', 'label', 'lapse', 'watchdog')
 
-    def __init__(self, label: str, timeout: float) -> None:
+    def __init__(
+        self, label: str, timeout: float, *, age_limit: float = math.inf, proven: bool = False
+    ) -> None:
         self.label = label
         self.watchdog = Watchdog(timeout)
+        self.age_limit = age_limit
+        self.age: Watchdog | None = Watchdog(age_limit) if proven else None  # None: not proven
         self.faults: dict[str, str] = {}
         self.device_words = ''  # what its node says of its device
         self.lapse: str | None = None  # what was wrong since the last tick, even if it has ended
@@ -52,7 +61,20 @@ class Input:
 
     def usable(self, now: float) -> bool:
         """Return whether it is fresh and valid."""
-        return not (self.faults or self.watchdog.expired(now))
+        return not (self.faults or self.watchdog.expired(now) or self.is_old(now))
+
+    def is_old(self, now: float) -> bool:
+        """Tell whether what it says is older than it may be, or may be, as far as is proven."""
+        return self.age is not None and self.age.expired(now)
+
+    def prove(self, as_of: float, now: float) -> None:
+        """Record that what it says is no older than this moment; -inf: nobody knows how old."""
+        if self.age is None:
+            self.age = Watchdog(self.age_limit)
+        elif self.age.heard and self.age.expired(now):
+            self._break(f'{self.label} was old: {self._age_in_words(now)}')
+        if as_of > -math.inf:
+            self.age.feed(as_of)
 
     def problem(self, now: float) -> str | None:
         """Return why it is not usable at ``now``; None if it is."""
@@ -60,6 +82,8 @@ class Input:
             return None
         if self.faults:
             return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
+        if not self.watchdog.expired(now):
+            return f'{self.label} is old: {self._age_in_words(now)}'
         silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
         return f'{self.label} is {silence}{self.says or ": start its node"}'
 
@@ -74,7 +98,7 @@ class Input:
             return 'invalid'
         if self.watchdog.expired(now):
             return 'stale' if self.watchdog.heard else 'silent'
-        return self.use
+        return 'old' if self.is_old(now) else self.use
 
     @property
     def use(self) -> str:
@@ -88,6 +112,8 @@ class Input:
     def count_as_silent(self) -> None:
         """Reset the state to that of an input that was never heard."""
         self.watchdog.reset()
+        if self.age is not None:
+            self.age.reset()
         self.drop_requests()
 
     def drop_requests(self) -> None:
@@ -102,6 +128,13 @@ class Input:
             self._break(f'{self.label} was stale: {self.watchdog.describe(now)}')
         self.watchdog.feed(now)
 
+    def _age_in_words(self, now: float) -> str:
+        assert self.age is not None
+        if not self.age.heard:
+            return 'its node proves no age: look at the network to it, and at its version'
+        age, limit = in_words(self.age.age(now)), in_words(self.age.timeout)
+        return f'what it says is up to {age} old, limit {limit}: look at the network to its node'
+
     def _break(self, reason: str) -> None:
         self.lapse = reason
         self.drop_requests()
@@ -113,7 +146,12 @@ class SourceInput(Input):
     __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
 
     def __init__(self, config: EStopSource) -> None:
-        super().__init__(f"e-stop source '{config.name}'", config.timeout)
+        super().__init__(
+            f"e-stop source '{config.name}'",
+            config.timeout,
+            age_limit=config.age_limit,
+            proven=config.proof == 'required',
+        )
         self.config = config
         self.value = True
         self.own = True
@@ -121,9 +159,9 @@ class SourceInput(Input):
         self.own_lapse = False
 
     def estop(self, value: bool, now: float) -> None:
-        """Record the source's e-stop."""
+        """Record the source's e-stop. Where it proves ages, a message alone releases nothing."""
         self.well_formed(now)
-        self.value = value
+        self.value = value or (self.value and self.age is not None)
         if value:
             self.lapse = f'{self.label} demanded a stop'
         if not self.config.own_topic:
@@ -132,8 +170,23 @@ class SourceInput(Input):
     def own_estop(self, value: bool, now: float) -> None:
         """Record what the source demands by itself, without the echo of our own stop."""
         self.own_watchdog.feed(now)
-        self.own = value
+        self.own = value or (self.own and self.age is not None)
         self.own_lapse |= value
+
+    def proof(self, heard: Heard, now: float) -> None:
+        """Record a proof: what holds as of a moment, and whether a stop came and went before."""
+        self.prove(heard.as_of, now)
+        self.well_formed(now)
+        self.value = heard.estop
+        if heard.stopped:
+            self.lapse = f'{self.label} demanded a stop'
+        self.own_watchdog.feed(now)
+        if self.config.own_topic:
+            self.own = heard.own_estop
+            self.own_lapse |= heard.own_stopped
+        else:
+            self.own = heard.estop
+            self.own_lapse |= heard.stopped
 
     @property
     def use(self) -> str:

@@ -9,15 +9,17 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import Bool, Float64, UInt8MultiArray
 
 from bridge_core import clock
 from bridge_core.lane import owner_of
 from bridge_core.managed_node import ManagedNode
+from bridge_core.proof_topics import PROOF_QOS
 from bridge_core.publishers import PublisherWatch
 from safety_mux.button import ResetButton
 from safety_mux.device_words import DeviceWords
 from safety_mux.intake import Intake, Listened
+from safety_mux.proofs import proven_nodes, ProvenNode
 from safety_mux.protocol import Kind
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
@@ -42,11 +44,14 @@ class Subscriptions:
         self._node, self._decide = node, decide
         self._subscriptions: list[Any] = []
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
+        self._proven: list[tuple[ProvenNode, Any]] = []  # with the publisher of challenges to it
 
     def listen(self, intake: Intake) -> None:
         """Listen for an intake, and no more for the one before; its publishers stay known."""
         for subscription in self._subscriptions:
             self._node.lane.unsubscribe(subscription)
+        for _, challenges in self._proven:
+            self._node.destroy_publisher(challenges)
         before = {topic: watch for topic, (_, _, watch) in self._watches.items()}
         self._subscriptions, self._watches, self.unpublished = [], {}, []
         self._arbiter = intake.arbiter
@@ -54,6 +59,8 @@ class Subscriptions:
         for each in intake.topics():
             topic = self._node.resolve_topic_name(self._node.values[each.parameter])
             self._subscribe(each, before.get(topic) or PublisherWatch())
+        nodes = proven_nodes(intake.arbiter, self._node.values, self._node.resolve_topic_name)
+        self._proven = [(node, self._subscribe_proofs(node)) for node in nodes]
 
     def _subscribe(self, listened: Listened, watch: PublisherWatch) -> None:
         _, kind, name, message_type, take = listened
@@ -63,7 +70,8 @@ class Subscriptions:
             lost = watch.heard(info['publication_sequence_number'], now)
             if watch.doubled(now):
                 self._look_at(subscription.topic_name, now)
-            elif lost and kind == 'e-stop source':  # what never arrived may have been a stop
+            elif lost and kind == 'e-stop source' and not self._arbiter.is_proven(kind, name):
+                # What never arrived may have been a stop. A proof would tell.
                 what = f'{lost} messages of {subscription.topic_name} were lost'
                 self._arbiter.set_invalid(kind, name, 'lost messages', what)
                 self._arbiter.set_invalid(kind, name, 'lost messages', None)
@@ -77,6 +85,32 @@ class Subscriptions:
         self._watches[subscription.topic_name] = (kind, name, watch)
         if not listened.parameter.endswith('own_topic'):
             self.device_words.listen(kind, name, subscription.topic_name)
+
+    def _subscribe_proofs(self, node: ProvenNode) -> Any:
+        """Listen to the proofs of a node; return the publisher of challenges to it."""
+
+        def on_proof(message: Any, info: Any) -> None:
+            del info
+            now = clock.now()
+            if node.hear(bytes(message.data), now):
+                self._decide(now)
+
+        topic = f'{node.name}/proof'
+        proofs = self._node.lane.subscribe(UInt8MultiArray, topic, on_proof, PROOF_QOS)
+        self._subscriptions.append(proofs)
+        challenges = f'{node.name}/challenge'
+        return self._node.create_publisher(UInt8MultiArray, challenges, PROOF_QOS)
+
+    def challenge(self, now: float) -> None:
+        """Ask all nodes for a proof; to be called each PERIOD."""
+        for node, challenges in self._proven:
+            challenges.publish(UInt8MultiArray(data=node.challenge(now)))
+
+    def hear_joy(self, operator: str, message: Any, now: float) -> None:
+        """Note the newest Joy of an operator, as far as its age is proven."""
+        for node, _ in self._proven:
+            if operator in node.operators:
+                node.joy(operator, message.header.stamp, now)
 
     def look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""

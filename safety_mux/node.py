@@ -24,6 +24,7 @@ from bridge_core import clock
 from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
+from bridge_core.proof import PERIOD
 from bridge_core.runner import run
 from bridge_core.watchdog import FROZEN
 from safety_mux.configuration import check, joy_mapping
@@ -97,6 +98,7 @@ class SafetyMux(ManagedNode):
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.lane.every(1.0 / rate, self._tick)
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
+        self.lane.every(PERIOD, self._inputs.challenge)
         self.lane.every(1.0 / self.values['status_rate'], self._publish_status)
         self.lane.every(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self.lane.start()
@@ -218,6 +220,7 @@ class SafetyMux(ManagedNode):
         self._inputs.device_words.pass_on(clock.now())
 
     def _on_sound_joy(self, name: str, message: Any) -> None:
+        self._inputs.hear_joy(name, message, clock.now())
         if name in self._gated_joys:
             self._gated_joys[name].hear(message)
 

@@ -5,6 +5,7 @@
 
 from dataclasses import replace
 import math
+from typing import Any
 
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import Input
@@ -47,8 +48,10 @@ class OwnerInput(Input):
 
     __slots__ = ('demand', 'name', 'neutral_time', 'rest')
 
-    def __init__(self, name: str, label: str, timeout: float, neutral_time: float) -> None:
-        super().__init__(label, timeout)
+    def __init__(
+        self, name: str, label: str, timeout: float, neutral_time: float, **options: Any
+    ) -> None:
+        super().__init__(label, timeout, **options)
         self.name = name
         self.neutral_time = neutral_time
         self.rest = Run(neutral_time)
@@ -97,7 +100,11 @@ class OperatorInput(OwnerInput):
 
     def __init__(self, config: Operator, neutral_time: float) -> None:
         label = f"operator '{config.name}'"
-        super().__init__(config.name, label, config.timeout, neutral_time)
+        super().__init__(
+            *(config.name, label, config.timeout, neutral_time),
+            age_limit=config.age_limit,
+            proven=config.proof == 'required',
+        )
         self.newest: OperatorSample | None = None
         self.pressed = False
         self.holding = False

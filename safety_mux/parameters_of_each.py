@@ -6,6 +6,7 @@
 from typing import Any
 
 from bridge_core.parameters import check_topic, Parameter
+from bridge_core.proof import PERIOD
 from safety_mux.protocol import MOST_OF_A_JOINT
 
 _EACH = 'One for all axes, or one an axis.'
@@ -16,6 +17,24 @@ def seconds(name: str, default: float, description: str, **limits: Any) -> Param
     lower = {} if 'minimum' in limits else {'above': 0.0}
     limits = {**lower, 'maximum': 10.0, **limits}
     return Parameter(name, default, description, unit='s', **limits)
+
+
+def _proofs(limit: float) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            'proof',
+            'auto',
+            'Whether the node proves how old its words are (~/proof beside its topic), so that no '
+            'delay hides a stop and no lost message is one. auto: once it did; required: always.',
+            choices=('auto', 'required', 'none'),
+        ),
+        seconds(
+            'age_limit',
+            limit,
+            'Oldest that proven words may be, round trip included; older is as good as silent.',
+            minimum=3.0 * PERIOD,
+        ),
+    )
 
 
 JOINT = (
@@ -95,6 +114,7 @@ ESTOP = (
         minimum=0,
         maximum=1,
     ),
+    *_proofs(0.25),
 )
 
 SPEED_LIMIT = (
@@ -183,4 +203,5 @@ OPERATOR = (
         'A stamp that is not set, or stays the same for timeout, loses the operator. If false, '
         'one that stays the same is a warning.',
     ),
+    *_proofs(0.5),
 )

@@ -10,6 +10,7 @@ from typing import Literal
 
 from safety_mux.protocol import AUTONOMY
 
+ProofPolicy = Literal['auto', 'required', 'none']  # whether a node proves how old its words are
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
 
 
@@ -25,6 +26,9 @@ class EStopSource:
     :param stop_category: 0 cuts at once, 1 ramps to zero first.
     :param own_topic: whether ``own_estop_message`` is called too. If not, the e-stop counts as the
         source's own, which deadlocks a device that is stopped through ``stop_demand``.
+    :param proof: ``required``: it stops the machine until its node proves ages; ``auto``: from the
+        first proof on; ``none``: proofs are not listened to.
+    :param age_limit: seconds; beyond that what a proof says is too old. Above 0.
     :raises ValueError: a value is out of range.
     """
 
@@ -34,11 +38,14 @@ class EStopSource:
     operator: str | None = None
     stop_category: int = 0
     own_topic: bool = False
+    proof: ProofPolicy = 'auto'
+    age_limit: float = 0.25
 
     def __post_init__(self) -> None:
         where = f"e-stop source '{self.name}'"
         _check_name(where, self.name)
         _check_seconds(f'timeout of {where}', self.timeout)
+        _check_seconds(f'age_limit of {where}', self.age_limit)
         if self.counts not in ('always', 'when_owner'):
             raise ValueError(f"{where} counts 'always' or 'when_owner', not {self.counts!r}")
         if self.counts == 'when_owner' and self.operator is None:
@@ -53,18 +60,22 @@ class Operator:
     A person with sticks. The higher ``priority`` takes over from the lower one.
 
     :param timeout: seconds after which the operator is stale. Above 0.
+    :param proof: as of EStopSource. :param age_limit: seconds; beyond that the sticks are too old.
     :raises ValueError: a value is out of range.
     """
 
     name: str
     priority: int
     timeout: float = 0.25
+    proof: ProofPolicy = 'auto'
+    age_limit: float = 0.5
 
     def __post_init__(self) -> None:
         _check_name(f"operator '{self.name}'", self.name)
         if self.name == AUTONOMY:
             raise ValueError(f"an operator cannot be named '{AUTONOMY}'")
         _check_seconds(f"timeout of operator '{self.name}'", self.timeout)
+        _check_seconds(f"age_limit of operator '{self.name}'", self.age_limit)
 
 
 @dataclass(frozen=True, slots=True)

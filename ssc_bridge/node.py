@@ -154,7 +154,8 @@ class SscBridge(BridgeNode[Event]):
     def _publish_sticks(self, sticks: Sticks) -> None:
         axes = self._settings.axes
         self._streaming = sticks != neutral(self._settings)
-        self._joy.publish(convert.joy(sticks.axes, sticks.buttons, axes, *self.header()))
+        joy = convert.joy(sticks.axes, sticks.buttons, axes, *self.header())
+        self._joy.publish(self.vouched(joy))
 
     def _publish_sources(self, sources: Sequence[str]) -> None:
         self._sources.publish(convert.channel_sources(sources, *self._part('channel sources')))

@@ -117,15 +117,14 @@ class Vm110Bridge(BridgeNode[Event]):
             self._result.publish(convert.command_result(event.command_id, event.outcome))
 
     def _publish_sticks(self, sticks: Sticks) -> None:
-        self._joy.publish(
-            convert.joy(
-                sticks.axes,
-                sticks.buttons,
-                *self.header(),
-                axis_inverted=self._axis_inverted,
-                deadband=self.values['deadband'],
-            )
+        joy = convert.joy(
+            sticks.axes,
+            sticks.buttons,
+            *self.header(),
+            axis_inverted=self._axis_inverted,
+            deadband=self.values['deadband'],
         )
+        self._joy.publish(self.vouched(joy))
 
     def _publish_armed(self, event: ArmedChanged) -> None:
         self._armed.publish(Bool(data=event.armed))

@@ -22,7 +22,7 @@ from rugged_teleop.stack import BESIDE, NODES
 
 ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
-COMMON_MODULES = ('node', 'stop_topics', 'bridge_diagnostics')
+COMMON_MODULES = ('node', 'stop_topics', 'proof_topics', 'bridge_diagnostics')
 # How the names of what makes an interface begin.
 MAKERS = ('create_', 'publisher', 'stop_input', 'command_input', 'subscribe', 'Command')
 MOST_WORDS = 40  # of a cell

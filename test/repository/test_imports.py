@@ -45,6 +45,7 @@ LOGIC = (
     *('{bridge}.protocol', '{bridge}.parameters', 'OTHER'),
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
     *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939', 'bridge_core.gate'),
+    'bridge_core.proof',
 )
 BRIDGE = {
     '__init__': ('{bridge}.protocol',),
@@ -75,6 +76,7 @@ BRIDGE = {
     'configuration': ('{bridge}', 'bridge_core.parameters'),
     # From messages to the arbiter, for the node and for a replay.
     'intake': ('{bridge}',),
+    'proofs': ('{bridge}', 'bridge_core.proof'),
     # What the mux's decisions become.
     'outputs': ('{bridge}.protocol', 'bridge_core.session', 'MESSAGES'),
     # What the mux's node is made of.
@@ -109,6 +111,8 @@ NODE_PART = ('bridge_core', 'rclpy', 'MESSAGES', 'STDLIB')
 SHARED = {
     'session': ('bridge_core.framing', 'bridge_core.watchdog'),
     'gate': ('bridge_core.watchdog',),
+    'proof': (),
+    'proof_topics': NODE_PART,
     'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),

@@ -47,7 +47,9 @@ def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
     (enclave,) = rights
     assert enclave == '/front/safety_mux'
     own = {f'{enclave}/{topic}' for topic in ('command', 'enable', 'estop')}
-    assert rights[enclave]['subscribe'] == {'/site/estop', '/front/cmd_vel', '/diagnostics', *own}
+    heard = {'/site/estop', '/site/proof', '/front/cmd_vel', '/diagnostics'}
+    assert rights[enclave]['subscribe'] == heard | own
+    assert '/site/challenge' in rights[enclave]['publish']
 
 
 def test_every_node_of_a_file_has_an_enclave_and_hears_the_mux() -> None:
@@ -56,7 +58,7 @@ def test_every_node_of_a_file_has_an_enclave_and_hears_the_mux() -> None:
     assert set(rights) == {'/fort_vsc_bridge', '/safety_mux', *drives}
     for drive in drives:
         topics = {f'/safety_mux/{topic}' for topic in ('command', 'enable', 'estop')}
-        assert rights[drive]['subscribe'] == topics
+        assert rights[drive]['subscribe'] == topics | {f'{drive}/challenge'}
         assert f'{drive}/estop' in rights[drive]['publish']
 
 

@@ -42,7 +42,8 @@ OUTLASTS_GAPS = {
     'estop.drive.timeout': GAP,
     'stall_limit': 1.0,
 }
-STOP = ('estop', 'own_estop', 'link_up')
+STOP = ('estop', 'own_estop', 'link_up', 'proof')
+CHALLENGES = {f'/{node}/challenge' for node in (VSC, DRIVE)}  # by the mux, to bridges
 PUBLISHED = {
     VSC: (
         *(*STOP, 'joy', 'mode', 'device', 'autonomy_mode', 'battery', 'radio_strength'),
@@ -59,15 +60,19 @@ TAKEN = {
     VSC: tuple(
         f'/{VSC}/{name}'
         for name in (
-            *('software_estop', 'set_feedback', 'set_user_value', 'set_user_name'),
+            *('challenge', 'software_estop', 'set_feedback', 'set_user_value', 'set_user_name'),
             *('display_text', 'get_user_value'),
         )
     ),
     MUX: (
         *(f'/{VSC}/estop', f'/{VSC}/own_estop', f'/{VSC}/joy', f'/{DRIVE}/estop'),
+        *(f'/{node}/proof' for node in (VSC, DRIVE)),
         '/diagnostics',  # why a source demands a stop
     ),
-    DRIVE: (f'/{MUX}/command', f'/{MUX}/enable', f'/{MUX}/estop'),  # as they are wired here
+    DRIVE: (  # as they are wired here
+        *(f'/{MUX}/{topic}' for topic in ('command', 'enable', 'estop')),
+        f'/{DRIVE}/challenge',
+    ),
 }
 # Published on change only, so the mux wants it latched, and pub would need --qos-durability. It is
 # for ~/status alone, and decides nothing.
@@ -125,7 +130,8 @@ def test_every_topic_is_echoed_with_default_options(spine: Spine, node: str) -> 
         return own_topics(observer.node.get_publisher_names_and_types_by_node(node, '/'), node)
 
     spine.wait(lambda: set(PUBLISHED[node]) <= published(), 'the topics')
-    assert published() - {'/diagnostics', 'transition_event'} == set(PUBLISHED[node])
+    others = {'/diagnostics', 'transition_event', *CHALLENGES}
+    assert published() - others == set(PUBLISHED[node])
     records = [echo(observer, f'/{node}/{topic}') for topic in PUBLISHED[node]]
     records.append(echo(observer, '/diagnostics'))
     if node == VSC:

@@ -1,0 +1,274 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the mux believes of nodes that prove how old their words are, and of those that do not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge_core.parameters import MANAGED_PARAMETERS, ParameterError, resolve
+from bridge_core.proof import PERIOD, TOGETHER_TIME, Writer
+from safety_mux.arbiter import Arbiter
+from safety_mux.configuration import check
+from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.parameters import parameter_table
+from safety_mux.proofs import proven_nodes, SILENCE
+from safety_mux.protocol import OperatorSample, State
+from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
+
+STEP = 0.01
+LIMIT, JOY_LIMIT = 0.25, 0.5
+REST = OperatorSample(neutral=True, deadman=False, demand=(0.0,))
+DRIVE = OperatorSample(neutral=False, deadman=True, demand=(1.0,))
+TOPICS = {'estop.fort.topic': '/fort/estop', 'operator.fort.topic': '/fort/joy'}
+
+
+class Plant:
+    """A mux, one bridge with its remote, and a network that delays what each direction carries."""
+
+    def __init__(self, proof: Any = 'auto', *, proves: bool = True) -> None:
+        config = MuxConfig(
+            joints=1,
+            sources=(EStopSource('fort', own_topic=True, proof=proof),),
+            operators=(Operator('fort', 10, proof=proof),),
+        )
+        limiter = JointLimiter((JointLimit(10.0, 100.0, 100.0),))
+        self.now = 64.0
+        self.arbiter = Arbiter(config, limiter, self.now)
+        (self.node,) = proven_nodes(self.arbiter, TOPICS, str)
+        self.writer = Writer(7)
+        self.proves = proves
+        self.stop = False
+        self.sample = REST
+        self.delay = 0.0
+        self.loses: set[str] = set()  # kinds of messages
+        self.back = True  # challenges arrive
+        self.way: list[
+            tuple[float, float, str, Any]
+        ] = []  # arrives at, was sent at, what, contents
+        self.said_at = 0.0  # when the newest proof that was heard was made
+        self.stopped_at: float | None = None
+
+    def send(self, what: str, contents: Any) -> None:
+        if what not in self.loses:
+            self.way.append((self.now + self.delay, self.now, what, contents))
+
+    def press(self, stop: bool) -> None:
+        self.stop = stop
+        if self.writer.say(estop=stop, own_estop=stop) and self.proves:
+            self.send('proof', self.writer.proof(self.now))
+        self.send('estop', stop)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP)):
+            self.step()
+
+    def step(self) -> None:
+        self.now += STEP
+        tick = round(self.now / STEP)
+        if self.proves and tick % round(PERIOD / STEP) == 0:
+            if self.back:
+                self.writer.hear(self.node.challenge(self.now), self.now)
+            self.send('proof', self.writer.proof(self.now))
+        if tick % 5 == 0:
+            self.send('estop', self.stop)
+        if tick % 2 == 0:
+            stamp = SimpleNamespace(sec=int(self.now), nanosec=tick % 100 * 10_000_000)
+            self.send('joy', (stamp, self.sample))
+            self.writer.vouch(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        arrived = [each for each in self.way if each[0] <= self.now]
+        self.way = [each for each in self.way if each[0] > self.now]
+        for _, sent_at, what, contents in arrived:
+            self.said_at = sent_at if what == 'proof' else self.said_at
+            self.hear(what, contents)
+        self.arbiter.tick(self.now)
+        if self.state is State.STOPPED and self.stopped_at is None:
+            self.stopped_at = self.now
+
+    def hear(self, what: str, contents: Any) -> None:
+        if what == 'proof':
+            self.node.hear(contents, self.now)
+        elif what == 'estop':
+            self.arbiter.own_estop_message('fort', contents, self.now)
+            self.arbiter.estop_message('fort', contents, self.now)
+        else:
+            stamp, sample = contents
+            self.arbiter.operator_sample('fort', sample, self.now)
+            self.node.joy('fort', stamp, self.now)
+
+    @property
+    def state(self) -> State:
+        return self.arbiter.state
+
+    def drive(self) -> Plant:
+        self.writer.say(estop=False, own_estop=False)
+        self.run(1.0)
+        assert self.arbiter.reset(self.now).ok, self.arbiter.reset(self.now).message
+        self.run(0.5)
+        self.sample = DRIVE
+        self.run(0.1)
+        assert self.state is State.ACTIVE
+        self.stopped_at = None
+        return self
+
+    def why(self) -> str:
+        return '; '.join(stop.reason for stop in self.arbiter.stops)
+
+
+@pytest.mark.parametrize('proof', ['auto', 'required'])
+def test_words_that_are_proven_young_drive(proof: str) -> None:
+    plant = Plant(proof).drive()
+    plant.run(2.0)
+    assert plant.state is State.ACTIVE
+
+
+@pytest.mark.parametrize('rate', [0.3, 0.5, 1.0])
+def test_delay_that_creeps_up_is_a_stop_once_words_are_too_old(rate: float) -> None:
+    plant = Plant().drive()
+    began = plant.now
+    while plant.now - plant.said_at <= LIMIT and plant.stopped_at is None:
+        plant.delay = rate * (plant.now - began)
+        plant.step()
+    assert plant.stopped_at is not None, 'it drives on old news'
+    assert 'old' in plant.why()
+    assert 'look at the network' in plant.why()
+
+
+def test_delay_from_the_start_keeps_it_stopped() -> None:
+    plant = Plant()
+    plant.delay = 0.4
+    plant.writer.say(estop=False, own_estop=False)
+    plant.run(3.0)
+    reply = plant.arbiter.reset(plant.now)
+    assert not reply.ok
+    assert 'what it says is up to' in reply.message
+
+
+def test_network_that_is_young_again_drives_after_a_reset_and_a_new_deadman() -> None:
+    plant = Plant().drive()
+    plant.delay = 1.0
+    plant.run(2.0)
+    assert plant.state is State.STOPPED
+    plant.delay, plant.sample = 0.0, REST
+    plant.run(3.0)
+    assert plant.state is State.STOPPED
+    plant.drive()
+
+
+@pytest.mark.parametrize('lost', [{'estop'}, {'joy'}])
+def test_lost_messages_are_no_stop_while_proofs_come(lost: set[str]) -> None:
+    plant = Plant().drive()
+    for _ in range(5):
+        plant.loses = lost
+        plant.run(0.1)
+        plant.loses = set()
+        plant.run(0.1)
+    assert plant.state is State.ACTIVE
+
+
+def test_stop_of_which_every_message_but_one_proof_is_lost_latches() -> None:
+    plant = Plant().drive()
+    plant.loses = {'estop', 'proof'}
+    plant.press(True)
+    plant.press(False)
+    plant.run(0.02)
+    plant.loses = {'estop'}
+    plant.run(0.1)
+    assert plant.state is State.STOPPED
+    assert 'demanded a stop' in plant.arbiter.transition.reason
+
+
+@pytest.mark.parametrize('what', ['proof', 'challenge'])
+def test_proofs_that_vanish_are_a_stop_and_the_node_is_not_trusted_without(what: str) -> None:
+    plant = Plant().drive()
+    if what == 'proof':
+        plant.loses = {'proof'}
+    else:
+        plant.back = False
+    before = plant.now
+    plant.run(1.0)
+    assert plant.stopped_at is not None
+    assert plant.stopped_at - before < LIMIT + PERIOD + 2 * STEP
+    plant.sample = REST
+    plant.run(3.0)
+    assert not plant.arbiter.reset(plant.now).ok
+
+
+def test_sticks_that_are_old_are_a_stop_though_proofs_are_young() -> None:
+    plant = Plant().drive()
+    plant.loses = {'joy'}  # instead comes what was said before, again and again in its order
+    joys = [(SimpleNamespace(sec=64, nanosec=n * 10_000_000), DRIVE) for n in range(100)]
+    for each in joys:
+        plant.step()
+        plant.hear('joy', each)
+    assert plant.stopped_at is not None
+    assert "operator 'fort' is old" in plant.arbiter.transition.reason
+
+
+def test_node_without_proofs_drives_in_auto_and_not_where_they_are_required() -> None:
+    Plant(proves=False).drive()
+    plant = Plant('required', proves=False)
+    plant.run(2.0)
+    reply = plant.arbiter.reset(plant.now)
+    assert 'its node proves no age' in reply.message
+
+
+def test_plain_message_stops_but_releases_nothing_of_a_node_that_proves() -> None:
+    plant = Plant().drive()
+    plant.hear('estop', True)
+    plant.step()
+    assert plant.state is State.STOPPED
+    plant.writer.say(estop=True, own_estop=True)
+    plant.run(0.2)
+    plant.loses = {'proof'}
+    for _ in range(10):
+        plant.hear('estop', False)
+        plant.step()
+        assert plant.arbiter.sources['fort'].value
+
+
+def test_two_nodes_of_one_name_are_a_stop_that_says_so() -> None:
+    plant = Plant().drive()
+    plant.node.hear(Writer(8).proof(plant.now), plant.now)
+    plant.step()
+    assert plant.state is State.STOPPED
+    plant.sample = REST
+    plant.run(0.5)
+    assert 'two nodes named /fort' in plant.arbiter.reset(plant.now).message
+    plant.run(TOGETHER_TIME)
+    plant.drive()
+
+
+def test_node_that_was_restarted_is_a_stop() -> None:
+    plant = Plant().drive()
+    plant.loses = {'proof', 'joy', 'estop'}
+    plant.run(0.1)
+    plant.now += SILENCE  # the mux stood still as well
+    plant.loses, plant.writer = set(), Writer(9)
+    plant.writer.say(estop=False, own_estop=False)
+    plant.run(0.1)
+    assert plant.state is State.STOPPED
+    plant.sample = REST
+    plant.drive()
+
+
+def test_topic_of_another_kind_or_without_proofs_has_no_reader() -> None:
+    sources = (EStopSource('a'), EStopSource('b', proof='none'))
+    config = MuxConfig(joints=1, sources=sources, autonomy=Autonomy())
+    arbiter = Arbiter(config, JointLimiter((JointLimit(1.0, 1.0, 1.0),)), 0.0)
+    topics = {'estop.a.topic': '/plc/stop', 'estop.b.topic': '/b/estop'}
+    assert proven_nodes(arbiter, topics, str) == []
+
+
+@pytest.mark.parametrize(
+    ('parameter', 'topic'), [('estop.fort', '/plc/stop'), ('operator.fort', '/pad/joysticks')]
+)
+def test_proofs_that_nobody_would_look_for_are_not_waited_for(parameter: str, topic: str) -> None:
+    given = {f'{parameter}.topic': topic, f'{parameter}.proof': 'required'}
+    values = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
+    with pytest.raises(ParameterError, match='there is no ~/proof beside it'):
+        check(values, str)
