@@ -143,10 +143,9 @@ EXCUSED: dict[str, dict[str, str]] = {
         'Mailbox.close: 0 -> 1': _NO_STDIN,
     },
     'bridge_core/supervisor.py': {
-        ': 25.0 -> 26.0': 'for a machine that is starved; any half minute does',
+        'Supervisor.__init__: self.word = Word.NONE -> pass': _SET_FIRST,
+        'Supervisor.__init__: -math.inf -> math.inf': _SET_FIRST,
         'Supervisor.__init__: 0.0 -> 1.0': _LONG_PAST,
-        'Supervisor.wire_ended: now > self._turn_at + self._times.long_life -> '
-        'now >= self._turn_at + self._times.long_life': _JUST_THEN,
         'Supervisor.is_news: now <= self._said_at + self._times.silence -> '
         'now < self._said_at + self._times.silence': _JUST_THEN,
         'Supervisor.failed: now >= self._sound_at -> now > self._sound_at': _JUST_THEN,

@@ -200,7 +200,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         return self._take_events(), []
 
     def poll(self, now: float) -> Output[EventT, FrameT]:
-        """Do what is due. Return events and frames."""
+        """Do what is due. Return events and the frames to send; see ``sent``."""
         frames: list[FrameT] = []
         if self._open:
             self._step(now)
@@ -211,11 +211,12 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         return self._take_events(), frames
 
     def sent(self, frame: FrameT, now: float) -> None:
-        """Count a frame of the last poll or farewell as sent: it went out."""
-        del frame, now
+        """
+        Count a frame of the last poll or farewell as sent: it went out.
 
-    def refused(self, frame: FrameT, now: float) -> None:
-        """Take back what a frame of the last poll counted as: it did not go out."""
+        Until then it counts for nothing. One that did not go out is offered again by the next
+        poll, if it is still wanted.
+        """
         del frame, now
 
     def deadline(self) -> float:
@@ -225,7 +226,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         return min(self._decoder.deadline, self._expires_at(), self._sends_at())
 
     def farewell(self, now: float) -> Iterable[FrameT]:
-        """Return the frames that leave the device in its safe state; refused as those of poll."""
+        """Return the frames that leave the device in its safe state."""
         del now
         return []
 

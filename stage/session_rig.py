@@ -12,10 +12,10 @@ from bridge_core.session import RETRY
 SessionT = TypeVar('SessionT', bound=Any)
 
 
-def tell_sent(session: Any, frames: Sequence[Any], now: float, *, busy: bool = False) -> None:
-    """Tell a session which frames of its last poll or farewell went out, as a wire does."""
+def tell_sent(session: Any, frames: Sequence[Any], now: float) -> None:
+    """Tell a session that frames of its last poll or farewell went out, as a wire does."""
     for frame in frames:
-        (session.refused if busy else session.sent)(frame, now)
+        session.sent(frame, now)
 
 
 class SessionBench(Generic[SessionT]):
@@ -69,8 +69,8 @@ class SessionBench(Generic[SessionT]):
     def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:
         events, frames = output
         self.events += events
-        tell_sent(self.session, frames, self.now, busy=self.busy)
         if not self.busy:
+            tell_sent(self.session, frames, self.now)
             self.sent += [(self.now, frame) for frame in frames]
         elif frames:
             self._retry_at = self.now + RETRY

@@ -108,7 +108,6 @@ class Active(Generic[FrameT]):
                 self.session.sent(frame, now)
                 self._show(True, [frame], clock.now())
             else:
-                self.session.refused(frame, now)
                 error = error or f'{self.transport.name} takes nothing'
         return error
 
@@ -129,7 +128,6 @@ class Active(Generic[FrameT]):
                 else:
                     self._status.dropped += 1
                     self._retry_at = now + RETRY
-                    self.session.refused(frame, now)
         finally:
             at = clock.now()
             if events:

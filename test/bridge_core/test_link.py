@@ -41,6 +41,14 @@ def test_request_is_no_stop_and_the_newest_of_its_key_unless_it_says_so(bench: B
     link.stop()
 
 
+def test_input_counts_for_less_time_than_other_requests(bench: Bench) -> None:
+    link = ThreadLink('link', bench.bridge, bench.owner)
+    assert link.request(Call('drive'), received_at=7.0)
+    (request,) = link._mailbox.take()
+    link.stop()
+    assert (request.at, request.limit) == (7.0, 0.03)
+
+
 def test_port_that_is_lost_and_comes_back_while_the_stop_is_paced(bench: Bench) -> None:
     wait_for(lambda: len(bench.owner.told) >= 5, 2.0, 'paces without a port')
     bench.run()

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 
 from bridge_core.transports import child, process
-from bridge_core.transports.request import Call
+from bridge_core.transports.request import Activate, Call
 from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
 from stage.rig import ROOT
@@ -233,6 +233,21 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
 def test_end_of_a_process_is_told_in_words(returncode: int, words: str) -> None:
     ended: Any = SimpleNamespace(returncode=returncode)
     assert child.Child(ended, None).cause() == words  # type: ignore[arg-type]
+
+
+def test_what_is_in_force_is_kept_for_a_spare_as_it_is_asked_and_carried_over(
+    bench: Bench,
+) -> None:
+    def kept() -> list[Any]:
+        return [each.what for each in bench.link._in_force.read()]
+
+    bench.start_both()
+    bench.command(1, 'activate', [])
+    asked = Activate({'number': 1, 'to': 1})
+    assert kept() == [asked]
+    bench.owner.carried = {'sent': 7}
+    bench.live(bench.now + 0.05)
+    assert kept() == [asked._replace(values={**asked.values, 'sent': 7})]
 
 
 # -- the node leaves ------------------------------------------------------------------------------

@@ -14,8 +14,6 @@ import pytest
 from bridge_core.report import Report
 from bridge_core.session import Level, Verdict
 from bridge_core.transports.bridge import Bridge
-from bridge_core.transports.link import ThreadLink
-from bridge_core.transports.request import Call
 from bridge_core.transports.tap import Chunk, Tap, tap_pair
 from stage.link_rig import fails, fault, PACE
 from stage.wire_rig import WireBench
@@ -406,15 +404,6 @@ def test_request_that_waited_for_longer_than_its_limit_counts_only_as_a_stop(
     assert bool(done) is not refused
     text = f'it waited for {age * 1e3:.0f} ms, as this node was held up'
     assert bench.owner.refused == [(number, 'drive', text)] * refused
-
-
-def test_input_counts_for_less_time_than_other_requests() -> None:
-    bridge: Bridge[Any] = Bridge('none', fault, fault)  # type: ignore[arg-type]
-    link = ThreadLink('link', bridge, None)
-    link.request(Call('drive'), received_at=7.0)
-    (request,) = link._mailbox.take()
-    link.stop()
-    assert (request.at, request.limit) == (7.0, 0.03)
 
 
 def test_refused_request_still_has_the_session_say_what_it_wants(bench: WireBench) -> None:

@@ -24,6 +24,7 @@ from typing import Any, Literal
 
 import pytest
 
+from bridge_core.session import RETRY
 from fort_vsc_bridge.protocol import MessageType
 from fort_vsc_bridge.session import (
     Session as FortSession,
@@ -86,20 +87,22 @@ class Party:
     due: float = 0.0  # when step is wanted next
     open_since: float | None = None  # its hardware chain
     busy: bool = False  # its line takes no frame
+    retry_at: float = 0.0  # not before, as the line took no frame
 
     def step(self, now: float) -> None:
         for data in self.device.poll(now):
             self.take(self.session.receive(data, now), now)
         self.take(self.session.poll(now), now)
         self.tell(now)
-        self.due = min(self.repeat_at, self.device.deadline(), self.session.deadline())
+        due = max(self.session.deadline(), self.retry_at)
+        self.due = min(self.repeat_at, self.device.deadline(), due)
 
     def take(self, output: Any, now: float) -> None:
         """Do as the link does: frames first, then the stop topics, then everything else."""
         events, frames = output
         for frame in frames:
             if self.busy:
-                self.session.refused(frame, now)
+                self.retry_at = now + RETRY
             else:
                 self.session.sent(frame, now)
                 self.device.receive(frame, now)
