@@ -319,6 +319,10 @@ def _driving(bench: Bench) -> Bench:
     return bench
 
 
+def _said(record: Callable[[str, Any, float], None]) -> Callable[[str, Any, float], None]:
+    return lambda name, message, now: record(name, message.data, now)
+
+
 def _intake(bench: Bench) -> Any:
     intake: Any = Intake.__new__(Intake)
     vars(intake).update(
@@ -326,6 +330,9 @@ def _intake(bench: Bench) -> Any:
         mappings=dict.fromkeys(('fort', 'senior'), _MAPPING),
         presses={n: Presses((0,), _MAPPING.pressed_at) for n in ('fort', 'senior')},
         stamps={n: StampWatch(0.25, required=False) for n in ('fort', 'senior')},
+        _own_estop=_said(bench.arbiter.own_estop_message),
+        _drive_enabled=_said(bench.arbiter.drive_enabled),
+        _limit=_said(bench.arbiter.speed_limit),
         _heard=lambda name, joy: None,
         _decision=bench.decision,
         _named=NamedJoints(('left', 'right')),

@@ -177,5 +177,7 @@ class _Anything:
     def __getitem__(self, key: Any) -> Any:
         return self
 
+    def __setitem__(self, key: Any, value: Any) -> None: ...
+
     def __iter__(self) -> Any:
         return iter(())

@@ -62,6 +62,8 @@ class Endpoint:
         name = self.node.rpartition('/')[2]
         if self.publishes or self.topic in _SHARED or not self.is_ours:
             return False
+        if self.topic.endswith(('/proof', '/challenge')):  # who needs one says so itself
+            return False
         if name == MUX:  # what a drive says of itself counts once it was heard
             return not self.topic.endswith('/enabled')
         is_wired = name in devices() and not self.topic.startswith(f'{self.node}/')
