@@ -364,7 +364,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'drive': (9472, 110878),
-    'mux': (14815, 151315),
+    'mux': (14827, 151431),
     'silence': (7444, 61706),
     'one read': (34775, 599105),
     'busy': (8789, 72939),
