@@ -5,15 +5,16 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 from queue import Empty, SimpleQueue
+import secrets
 import threading
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt8MultiArray
 
-from bridge_core.proof import Writer
+from bridge_core.proof import nanoseconds, Writer
 from bridge_core.session import Verdict
 
 # What is lost is asked again soon, and what is old is of no use.
@@ -29,7 +30,7 @@ class ProofTopics:
     """
 
     def __init__(self, node: Any) -> None:
-        self._writer = Writer(int.from_bytes(os.urandom(8), 'little'))
+        self._writer = Writer(secrets.randbits(64))
         self._lock = threading.Lock()  # of the writer: a verdict may come from any thread
         self._asked: SimpleQueue[bytes] = SimpleQueue()
         self._publisher = node.create_publisher(UInt8MultiArray, '~/proof', PROOF_QOS)
@@ -38,24 +39,24 @@ class ProofTopics:
     def say(self, verdict: Verdict, now: float) -> None:
         """Note the verdict that holds from now on; a stop is proven at once."""
         with self._lock:
-            if self._writer.say(estop=verdict.estop, own_estop=verdict.own_estop):
-                self._publish(now)
+            begins = self._writer.say(estop=verdict.estop, own_estop=verdict.own_estop)
+        if begins:
+            self._publish(now)
 
     def vouch(self, message: Any) -> None:
         """Note the newest message with a header, such as a Joy."""
-        stamp = message.header.stamp
-        self._writer.vouch(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        self._writer.vouch(nanoseconds(message.header.stamp))
 
     def answer(self, now: float) -> None:
         """Answer what was asked since."""
         due = False
-        with self._lock:
-            try:
-                while True:
-                    due |= self._writer.hear(self._asked.get_nowait(), now)
-            except Empty:
-                if due:
-                    self._publish(now)
+        with contextlib.suppress(Empty):
+            while True:
+                challenge = self._asked.get_nowait()
+                with self._lock:
+                    due |= self._writer.hear(challenge, now)
+        if due:
+            self._publish(now)
 
     def _on_challenge(self, message: Any, info: Any) -> None:
         del info
@@ -63,4 +64,8 @@ class ProofTopics:
             self._asked.put(bytes(message.data))
 
     def _publish(self, now: float) -> None:
-        self._publisher.publish(UInt8MultiArray(data=self._writer.proof(now)))
+        # Not under the lock: a thread that hangs in there must not keep a stop of another one.
+        # Of two that overtake each other the newer one has both stops, and counts.
+        with self._lock:
+            data = self._writer.proof(now)
+        self._publisher.publish(UInt8MultiArray(data=data))

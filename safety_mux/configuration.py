@@ -10,6 +10,7 @@ from bridge_core.parameters import names_of, ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL
+from safety_mux.proofs import ENDINGS
 from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 
 _T = TypeVar('_T')
@@ -204,12 +205,9 @@ def _check_unused(values: Mapping[str, Any]) -> None:
 
 def _check_proofs(values: Mapping[str, Any]) -> None:
     """Refuse to wait for proofs where nobody would look for any."""
-    for names, prefix, ending in (
-        ('estop_sources', 'estop', '/estop'),
-        ('operators', 'operator', '/joy'),
-    ):
+    for names, prefix in (('estop_sources', 'estop'), ('operators', 'operator')):
         for name in names_of(values, names):
-            parameter = f'{prefix}.{name}.proof'
+            parameter, ending = f'{prefix}.{name}.proof', ENDINGS[prefix]
             topic = values[f'{prefix}.{name}.topic']
             if values[parameter] == 'required' and not topic.endswith(ending):
                 raise ParameterError(

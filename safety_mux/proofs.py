@@ -11,15 +11,15 @@ bridge_core/proof.py.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-import os
+import secrets
 from typing import Any
 
-from bridge_core.proof import Reader, Vouched
+from bridge_core.proof import nanoseconds, Reader, Vouched
 from safety_mux.arbiter import Arbiter
 from safety_mux.protocol import Kind, State
 
 SILENCE = 0.5  # s after which another process may be the node
-_ENDINGS = ('/estop', '/joy')  # of topics beside which a node has ~/proof and ~/challenge
+ENDINGS = {'estop': '/estop', 'operator': '/joy'}  # of topics that have ~/proof beside them
 
 
 class ProvenNode:
@@ -31,7 +31,7 @@ class ProvenNode:
 
     def __init__(self, name: str, arbiter: Arbiter) -> None:
         self.name = name
-        self.reader = Reader(int.from_bytes(os.urandom(8), 'little'), SILENCE)
+        self.reader = Reader(secrets.randbits(64), SILENCE)
         self.sources: list[str] = []
         self.operators: list[str] = []
         self._arbiter = arbiter
@@ -60,7 +60,7 @@ class ProvenNode:
 
     def joy(self, operator: str, stamp: Any, now: float) -> None:
         """Note the stamp of an operator's newest Joy."""
-        self._held[operator] = stamp.sec * 1_000_000_000 + stamp.nanosec
+        self._held[operator] = nanoseconds(stamp)
         if self.reader.writer is not None:
             self._prove(operator, now)
 
@@ -93,18 +93,17 @@ def proven_nodes(
     """
     nodes: dict[str, ProvenNode] = {}
 
-    def node_of(parameter: str, policy: str) -> ProvenNode | None:
-        topic = resolved(values[parameter])
-        ending = next((each for each in _ENDINGS if topic.endswith(each)), None)
-        if ending is None or policy == 'none':
+    def node_of(prefix: str, name: str, policy: str) -> ProvenNode | None:
+        topic = resolved(values[f'{prefix}.{name}.topic'])
+        if policy == 'none' or not topic.endswith(ENDINGS[prefix]):
             return None
-        name = topic.removesuffix(ending)
+        name = topic.removesuffix(ENDINGS[prefix])
         return nodes.setdefault(name, ProvenNode(name, arbiter))
 
     for source in arbiter.config.sources:
-        if node := node_of(f'estop.{source.name}.topic', source.proof):
+        if node := node_of('estop', source.name, source.proof):
             node.sources.append(source.name)
     for operator in arbiter.config.operators:
-        if node := node_of(f'operator.{operator.name}.topic', operator.proof):
+        if node := node_of('operator', operator.name, operator.proof):
             node.operators.append(operator.name)
     return [*nodes.values()]
