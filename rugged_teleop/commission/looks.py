@@ -1,0 +1,411 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the phases of steps look for in what was heard of the machine. Pure; times in s."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+import itertools
+import math
+
+from rugged_teleop.commission.history import History
+from rugged_teleop.commission.step import Look, Marks, Measured, Seen
+from rugged_teleop.ledger.stopping import Drive, Stopped
+from rugged_teleop.why.events import reason_of
+
+_FULL = 0.95  # of an axis: its end
+_AWAY = 0.5  # of an axis: pushed on purpose
+_REST = 0.05
+_HELD = 1.0  # s for which a button has to stay pressed
+_RESTED = 0.5  # s for which all has to be at rest
+_MOVES = 0.5  # s for which joints have to move, and to stand
+_BATCH = 0.3  # s; what ~/raw carries comes so late
+_STEADY = 3.0  # s over which an age is watched
+
+State = str
+END_OF = 'end of '  # of a cause: a channel
+
+
+def ready(operator: str = '') -> Look:
+    """The mux is READY. :param operator: whose deadman counts then, too."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        status = heard.last('status', {})
+        rested = not operator or status.get(f"condition of operator '{operator}'") == 'rested'
+        is_ready = heard.last('state') == status.get('state') == 'READY'
+        return Seen(True, 'ready') if is_ready and rested else None
+
+    return look
+
+
+def pressed(source: str, node: str, bound: float, counts: bool = True) -> Look:
+    """
+    An e-stop source demands a stop, and the mux is STOPPED by it.
+
+    :param counts: False: it belongs to an operator without control, so the mux goes on.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        said = heard.first(f'estop {source}', marks['since'], bool)
+        stopped = heard.first('state', marks['since'], lambda state: state == 'STOPPED')
+        ended = stopped if counts else said
+        if said is None or ended is None or now < said + _BATCH:
+            return None
+        began, of_what = began_at(heard, marks['since'], said, node)
+        what = 'STOPPED' if counts else 'its topic'
+        took = Measured(f'from {of_what} to {what}', max(0.0, ended - began), limit=bound)
+        return Seen(True, f'seen: {source} demands a stop', (took,), {'began': began})
+
+    return look
+
+
+def began_at(heard: History, since: float, said: float, node: str) -> tuple[float, str]:
+    """Return when the stop came from the device, by its frame if ~/raw is there."""
+    frame = heard.on_wire('received', since, True)
+    if frame is not None and frame[1] == node and frame[0] <= said:
+        return frame[0], "the device's frame"
+    return said, 'its topic'
+
+
+def refused(heard: History, marks: Marks, now: float) -> Seen | None:
+    """Tell whether the reset that was asked for was refused."""
+    replies = [reply for _, reply in heard.since('reset', marks['since'])]
+    if not replies or now < heard.heard_at('reset') + _RESTED:
+        return None
+    accepted, words = replies[-1]
+    if accepted or heard.last('state') != 'STOPPED':
+        return Seen(False, f'a reset was accepted while the stop is there: {words}')
+    return Seen(True, 'a reset is refused')
+
+
+def still(state: State, seconds: float = 0.6) -> Look:
+    """The mux keeps this state, and nothing is enabled, told to move or seen to."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        since = marks['since']
+        other = heard.first('state', since, lambda each: each != state)
+        if other is not None:
+            status = heard.last('status', {})
+            if now < other + _BATCH:  # the status that says why may be the later one
+                return None
+            return Seen(False, f'the mux is {status.get("state")} by itself: {reason_of(status)}')
+        if heard.first('enabled', since, bool) is not None:
+            return Seen(False, 'the drive was enabled by itself')
+        if heard.first('command', since, lambda each: any(each.values())) is not None:
+            return Seen(False, 'motion was commanded')
+        return Seen(True, 'nothing moves') if now - since >= seconds else None
+
+    return look
+
+
+def released(source: str, state: State = 'STOPPED') -> Look:
+    """The e-stop source is clear again, and the mux keeps its state."""
+    hold = still(state)
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        clear = heard.last(f'estop {source}')
+        at = heard.first(f'estop {source}', marks['since'], lambda value: not value)
+        if clear is not False or at is None:
+            return None
+        seen = hold(heard, marks, now)
+        if seen is not None and seen.ok and now < at + _RESTED:
+            return None
+        return seen
+
+    return look
+
+
+# Operators
+
+
+def at_rest(operator: str) -> Look:
+    """All axes are in the middle, and no button is pressed, for a while."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        since = max(marks['since'], now - _RESTED)
+        joys = [joy for _, joy in heard.since(f'joy {operator}', since)]
+        if now - marks['since'] < _RESTED or not joys:
+            return None
+        rested = all(
+            not any(buttons) and all(abs(axis) <= _REST for axis in axes) for axes, buttons in joys
+        )
+        return Seen(True, 'all is at rest') if rested else None
+
+    return look
+
+
+def axis_at_end(operator: str, axis: int, sign: int) -> Look:
+    """An axis reaches its end, on this side."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        joys = [joy[0] for _, joy in heard.since(f'joy {operator}', marks['since'])]
+        if any(axis < len(axes) and sign * axes[axis] >= _FULL for axes in joys):
+            return Seen(True, f'axis {axis} is at {sign:+d}')
+        if any(axis < len(axes) and sign * axes[axis] <= -_FULL for axes in joys):
+            return Seen(False, f'axis {axis} went to {-sign:+d}: its sign is wrong')
+        held = [joy[0] for _, joy in heard.since(f'joy {operator}', now - _RESTED)]
+        if held and now - marks['since'] > _RESTED and abs(held[-1][axis]) < _AWAY:
+            ends = set.intersection(
+                *({n for n, v in enumerate(axes) if abs(v) >= _FULL} for axes in held)
+            )
+            if ends:
+                return Seen(False, f'axis {min(ends)} moved in the place of axis {axis}')
+        return None
+
+    return look
+
+
+def button(operator: str, index: int, value: int) -> Look:
+    """A button is pressed, or released."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        for _, (_, buttons) in heard.since(f'joy {operator}', marks['since']):
+            if index < len(buttons) and bool(buttons[index]) is bool(value):
+                return Seen(True, f'button {index} is {"pressed" if value else "released"}')
+        return None
+
+    return look
+
+
+def held(operator: str, index: int) -> Look:
+    """A button stays pressed, without a gap, for a while."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        joys = [joy for _, joy in heard.since(f'joy {operator}', marks['since'])]
+        if not joys:
+            return None
+        if not all(any(buttons[index : index + 1]) for _, buttons in joys):
+            return Seen(False, f'button {index} slips: it was released while it was held')
+        return Seen(True, f'button {index} holds') if now - marks['since'] >= _HELD else None
+
+    return look
+
+
+# Motion
+
+
+def moving(operator: str, standstill: float) -> Look:
+    """The operator has control, and a joint has moved for a while, by feedback if there is any."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        status = heard.last('status', {})
+        owns = heard.last('state') == 'ACTIVE' and status.get('owner') == operator
+        since = now - _MOVES
+        speeds = [_fastest(joints) for _, joints in heard.since('joints', since)]
+        if not speeds:
+            speeds = [_fastest(joints) for _, joints in heard.since('command', since)]
+        long = speeds and now - marks['since'] > _MOVES
+        if owns and long and min(speeds) > standstill:
+            return Seen(True, f'it moves, at {speeds[-1]:.2f} rad/s')
+        return None
+
+    return look
+
+
+def _fastest(joints: dict[str, float]) -> float:
+    return max((abs(speed) for speed in joints.values() if math.isfinite(speed)), default=0.0)
+
+
+def disabled(
+    cause: str, node: str, bound: float, state: State = 'STOPPED', pushed: int = 0
+) -> Look:
+    """
+    The drive is disabled, and the mux has the state that belongs to the cause.
+
+    :param cause: 'estop NAME'; 'joy NAME', whose button ``pushed`` is released; 'end of CHANNEL';
+        or empty: what was done.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        since = marks['since']
+        off = heard.first('enabled', since, lambda value: not value)
+        if off is None or now < off + _BATCH:
+            return None
+        if state and heard.first('state', since, lambda each: each == state) is None:
+            return None
+        packet = heard.on_wire('sent', since, False)
+        ended = min(packet[0], off) if packet else off
+        began, of_what = since, 'what was done'
+        if cause.startswith('estop '):
+            said = heard.first(cause, since, bool)
+            if said is None:
+                return None
+            began, of_what = began_at(heard, since, said, node)
+        elif cause.startswith('joy '):
+            let_go = heard.first(cause, since, lambda joy: joy[1][pushed : pushed + 1] != [1])
+            if let_go is None:
+                return None
+            began, of_what = let_go, 'its message'
+        elif cause.startswith(END_OF):
+            channel = cause.removeprefix(END_OF)
+            began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
+        to_what = 'the first disable packet' if packet else 'the drive that says it is disabled'
+        took = Measured(f'from {of_what} to {to_what}', max(0.0, ended - began), limit=bound)
+        return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})
+
+    return look
+
+
+def last_before(heard: History, channel: str, at: float, otherwise: float) -> float:
+    """Return when a channel was heard last up to then, within a second of the other moment."""
+    return max(
+        (when for when, _ in heard.since(channel, otherwise - 1.0) if when <= at),
+        default=otherwise,
+    )
+
+
+def stands(standstill: float, time: float | None, angle: float | None) -> Look:
+    """
+    The joints stand; measured from the cause on.
+
+    :param time: s that it may take. :param angle: rad that a joint may turn meanwhile.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        samples = [*heard.since('joints', marks['began'])]
+        moved = [at for at, joints in samples if _fastest(joints) > standstill]
+        last = max(moved, default=marks['began'])
+        if not samples or samples[-1][0] < last + _MOVES:
+            return None
+        before = heard.before('joints', marks['began']) or samples[0][1]
+        measured = [Measured('from the cause to standstill', last - marks['began'], limit=time)]
+        for name in before:
+            far = sum(_areas(name, [(marks['began'], before), *samples]))
+            measured.append(Measured(f'{name} turned meanwhile', far, 'rad', angle))
+        stopping = {
+            each.joint: {'speed': each.speed, 'time': each.time, 'angle': each.angle}
+            for each in _stopped(heard, marks['began'])
+            if each.time
+        }
+        return Seen(True, 'it stands', tuple(measured), {'stands': last}, stopping)
+
+    return look
+
+
+def _stopped(heard: History, began: float) -> Iterator[Stopped]:
+    """Yield how joints stood after a stop of the mux, as the recorder measures it in use."""
+    stopped = heard.first('state', began, lambda state: state in ('STOPPING', 'STOPPED'))
+    # A remote that is stopped may let go of its deadman a moment before it says so.
+    since = began - _MOVES
+    stop = heard.first('state', since, lambda state: state != 'ACTIVE')
+    if stopped is None or stop is None or heard.before('state', since) != 'ACTIVE':
+        return
+    drive = Drive()
+    for at, joints in heard.since('joints', since):
+        if at > stop:
+            drive.stop(stop)
+        yield from drive.hear_joints([*joints], [*joints.values()], [], at)
+        if at > stop and not drive.is_stopping:
+            return
+
+
+def _areas(name: str, samples: Sequence[tuple[float, dict[str, float]]]) -> Iterator[float]:
+    for (at, joints), (later, following) in itertools.pairwise(samples):
+        speeds = abs(joints.get(name, 0.0)), abs(following.get(name, 0.0))
+        yield (later - at) * sum(speeds) / 2.0
+
+
+def turned(heard: History, joint: str, since: float) -> float:
+    """Return how far a joint turned since then, by its feedback, forward positive; rad."""
+    samples: list[tuple[float, float]] = [
+        (at, each.get(joint, 0.0)) for at, each in heard.since('joints', since)
+    ]
+    return sum((b - a) * (v + w) / 2.0 for (a, v), (b, w) in itertools.pairwise(samples))
+
+
+def passed(seconds: float) -> Look:
+    """Some time has passed."""
+    return lambda _, marks, now: Seen(True, '') if now - marks['since'] >= seconds else None
+
+
+def fresh_on_the_way(key: str, limit: float) -> Look:
+    """
+    What the mux proves of the age of all that is decided on stays below its limits.
+
+    :param key: of the sum in its status. :param limit: of that.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        status = heard.last('status', {})
+        states = {heard.last('state'), status.get('state')}
+        if states == {'STOPPED'}:
+            return Seen(False, f'the mux is STOPPED: {reason_of(status)}')
+        if 'STOPPED' in states:  # what says why is on its way
+            return None
+        if now - marks['since'] < _STEADY:
+            return None
+        said = [each for _, each in heard.since('status', marks['since'])]
+        ages = {name: (name.removesuffix(' (s)'), limit) for name in (key,)} | _of_links(said)
+        measured = []
+        for name, (what, most) in ages.items():
+            values = [each.get(name, 'unknown') for each in said]
+            if not values or 'unknown' in values:
+                return Seen(False, f'{name} is unknown: proofs are off, or do not come')
+            measured.append(Measured(what, max(map(float, values)), limit=most))
+        for node in heard.channels('proof'):
+            numbers = [number for _, number in heard.since(f'proof {node}', marks['since'])]
+            gaps = (b - a - 1 for a, b in itertools.pairwise(numbers))
+            measured.append(
+                Measured(f'proofs of {node} lost', sum(gaps), f'of {len(numbers)} or more')
+            )
+        return Seen(True, 'words are fresh', tuple(measured))
+
+    return look
+
+
+def _of_links(said: Sequence[Mapping[str, str]]) -> dict[str, tuple[str, float]]:
+    """Return keys of proven ages: of what, and its limit."""
+    last = said[-1] if said else {}
+    found = {}
+    for key, limit in last.items():
+        what = key.removeprefix('age limit of ').removesuffix(' (s)')
+        if key.startswith('age limit of '):
+            found[f'proven age of {what} (s)'] = f'age of {what}', float(limit)
+    return found
+
+
+def says(node: str, keys: Sequence[str], when: str = '') -> Look:
+    """
+    Keep what a device says of itself. :param keys: of its diagnostics.
+
+    :param when: words before each key, where it is said while something is so.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        said = [*heard.since(f'device {node}', marks['since'] + _RESTED)]
+        if not said:
+            return None
+        told = {key: said[-1][1].get(key, 'not told') for key in keys}
+        if any(each.startswith('not ') for each in told.values()) and now < said[0][0] + _STEADY:
+            return None
+        facts = {f'{when}{key}': value for key, value in told.items()}
+        return Seen(True, ', '.join(f'{key} {value}' for key, value in told.items()), facts=facts)
+
+    return look
+
+
+def instead(heard: History, since: float) -> str:
+    """Say what changed since then in the place of what was expected."""
+    found = []
+    for source in heard.channels('estop'):
+        if heard.last(f'estop {source}'):
+            found.append(f'{source} demands a stop')
+    for operator in heard.channels('joy'):
+        joys = [joy for _, joy in heard.since(f'joy {operator}', since)]
+        if not joys:
+            found.append(f'{operator} sends no sticks')
+            continue
+        axes = [max(column, key=abs) for column in zip(*(joy[0] for joy in joys), strict=False)]
+        found += [
+            f"{operator}'s axis {n} was at {v:.2f}" for n, v in enumerate(axes) if abs(v) > _REST
+        ]
+        pushed = [n for n, value in enumerate(joys[-1][1]) if value]
+        found += [f"{operator}'s button {n} is pressed" for n in pushed]
+    state = heard.last('state', 'not heard')
+    inhibits = [
+        each for key, each in heard.last('status', {}).items() if key.startswith('inhibit ')
+    ]
+    why = [each for each in inhibits if not each.startswith('stopped ')] or inhibits
+    state += f': {why[0]}' if why and state == 'STOPPED' else ''
+    return f'{", ".join(found) or "nothing changed"}; the mux is {state}'

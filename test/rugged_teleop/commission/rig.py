@@ -1,0 +1,204 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A machine for trials: a VSC and a drive, simulated; its time-outs let a busy machine be late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+from dataclasses import replace
+import fcntl
+from pathlib import Path
+import sys
+from typing import Any, NamedTuple
+
+import pytest
+
+from rugged_teleop.bench import commander, course
+from rugged_teleop.commission import engine, running as heard, steps_actuators
+from rugged_teleop.commission.daily import daily_steps
+from rugged_teleop.commission.engine import Engine
+from rugged_teleop.commission.faces import Player
+from rugged_teleop.commission.machine import Machine
+from rugged_teleop.commission.main import read_machine
+from rugged_teleop.commission.running import Running
+from rugged_teleop.commission.simulated import SimulatedMachine
+from rugged_teleop.commission.step import Record, Result, Step
+from rugged_teleop.commission.steps import steps_of
+from stage.network import Network
+from stage.relay import Relay, remapped
+from stage.rig import own_domain, ROOT, TIMEOUT_FACTOR, wait_for
+from stage.run_delay import HELD_UP, RunDelay
+
+DRIVE = '/esi_drive_bridge'
+FILE = Path(__file__).with_name('machine.yaml')
+VM110_FILE = FILE.with_name('machine_vm110.yaml')
+PATIENCE = TIMEOUT_FACTOR
+_AT_ONCE, _TURN_LIMIT = 2, 180.0
+_TRIES = 3  # of a step on a machine that is too busy for the stack's time-outs
+# Where a real machine has to be 0.3 s old at most, this one may be as late as its file says.
+_COURSE = {'FIND_LIMIT': 20.0 * TIMEOUT_FACTOR, 'STALL_LIMIT': TIMEOUT_FACTOR}
+
+
+# s; beyond the file's age_limit, as 0.4 s are on a real machine.
+LATE = Network(creep=1.0, most=2.0)
+
+
+class Fault(NamedTuple):
+    """
+    What is planted, and what has to be said of it.
+
+    :param step: that finds it. :param says: in its text.
+    :param expected: begins that of the phases in which nothing comes.
+    :param dead: words of the simulator that do nothing. :param instead: others in their place.
+    :param device: commands before, and :param mended: after; each is node and words.
+    :param wheels: by joint what turns, and how far. :param missing: a parameter that the file has
+        not. :param welded: nodes whose chains stay closed. :param late: the relayed node is.
+    """
+
+    step: str
+    says: str
+    dead: tuple[str, ...] = ()
+    instead: tuple[tuple[str, str], ...] = ()
+    device: tuple[str, ...] = ()
+    mended: tuple[str, ...] = ()
+    wheels: tuple[tuple[str, str, float], ...] = ()
+    expected: str = ''
+    missing: str = ''
+    welded: tuple[str, ...] = ()
+    late: bool = False
+
+
+class Trial:
+    """An engine at a simulated machine."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        simulated: SimulatedMachine,
+        running: Running,
+        folder: Path,
+        relay: Relay | None = None,
+    ) -> None:
+        self.simulated, self.machine, self.folder = simulated, machine, folder
+        self.relay = relay
+        self.answers: dict[str, Any] = {}
+        self.steps = {step.name: step for step in (*steps_of(machine), *daily_steps(machine))}
+        player = Player(self.answers, simulated.act, simulated.turned, {}, simulated.meter)
+        player.person = 0.5 * TIMEOUT_FACTOR
+        self.engine = Engine(running, player, lambda: 'now', PATIENCE)
+
+    def forget(self, parameter: str) -> None:
+        """Have steps as if the file gave all but this one."""
+        given = {name: value for name, value in self.machine.given.items() if name != parameter}
+        nodes = [self.machine.mux, *self.machine.bridges]
+        machine = Machine(nodes, given)
+        self.steps = {step.name: step for step in (*steps_of(machine), *daily_steps(machine))}
+
+    def apply(self, commands: tuple[str, ...]) -> None:
+        """Command simulated devices; each is node and words."""
+        for command in commands:
+            node, _, words = command.partition(' ')
+            self.simulated.ports[node].apply(words)
+
+    def plant(self, fault: Fault) -> Record:
+        """Do the step that finds a fault, with it; mend it."""
+        simulated = self.simulated
+        simulated.dead, simulated.instead = set(fault.dead), dict(fault.instead)
+        simulated.wheels = {joint: (wheel, share) for joint, wheel, share in fault.wheels}
+        simulated.welded = set(fault.welded)
+        self.apply(fault.device)
+        if fault.late:
+            assert self.relay is not None
+            self.relay.set(LATE)
+        try:
+            self.forget(fault.missing)
+            return self.run(fault.step, fault.expected, fault.says)
+        finally:
+            simulated.dead, simulated.instead, simulated.wheels = set(), {}, {}
+            simulated.welded = set()
+            self.forget('')
+            self.apply(fault.mended)
+            if self.relay is not None:
+                self.relay.set()
+
+    def run(self, name: str, expected: str = '', says: str = '') -> Record:
+        """
+        Do one step, whatever was done before; again where the machine held processes up.
+
+        :param expected: begins that of the phases in which nothing comes: it is not waited for as
+            long as on a busy machine. :param says: what it fails with; empty: it passes.
+        """
+        step = self.steps[name]
+        for _ in range(_TRIES):
+            delay = RunDelay([])
+            record = self.engine.run(_impatient(step, expected) if expected else step)
+            is_so = says in record.text if says else record.result is Result.PASSED
+            if is_so or not delay.exceeds(HELD_UP):
+                break
+        return record
+
+
+def _impatient(step: Step, expected: str) -> Step:
+    phases = (
+        replace(phase, limit=phase.limit / PATIENCE)
+        if phase.expected.startswith(expected)
+        else phase
+        for phase in step.phases
+    )
+    return replace(step, phases=tuple(phases))
+
+
+@contextlib.contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    """Wait for one of _AT_ONCE turns: more machines at once have no time for their time-outs."""
+    files = [(folder / f'trial_{n}.lock').open('w') for n in range(_AT_ONCE)]
+
+    def taken() -> bool:
+        for file in files:
+            with contextlib.suppress(BlockingIOError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return True
+        return False
+
+    with contextlib.ExitStack() as exits:
+        for file in files:
+            exits.enter_context(file)
+        wait_for(taken, _TURN_LIMIT, 'a turn')
+        yield
+
+
+@contextlib.contextmanager
+def trial(folder: Path, file: Path = FILE, relayed: str = '') -> Iterator[Trial]:
+    """Start it all. :param relayed: a node that is on a second computer."""
+    own_domain()
+    machine, _ = read_machine(file)
+    with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as exits:
+        exits.enter_context(_turn(folder.parents[1]))
+        for name, value in _COURSE.items():
+            patch.setattr(course, name, value)
+        patch.setenv('PYTHONPATH', str(ROOT))
+        patch.setattr(commander, 'SILENCE_LIMIT', TIMEOUT_FACTOR)
+        patch.setattr(heard, '_SECONDS', 2.0)
+        patch.setattr(steps_actuators, '_LONG_WAY', 10.0)  # its ends are near
+        patch.setattr(engine, '_UNDO_LIMIT', 0.5)  # what a fault holds is mended by the test
+        for phase in course._LIMITS:
+            patch.setitem(course._LIMITS, phase, 20.0 * TIMEOUT_FACTOR)
+        simulated = SimulatedMachine(file, folder, machine)
+        for name, process in simulated.commands.items():
+            words = process.command
+            place = words.index('-m') + 1
+            patient = (sys.executable, '-m', 'stage.patience', *words[place:])
+            if relayed and name == f'/{relayed}':
+                patient += tuple(remapped(relayed))
+            simulated.commands[name] = replace(process, command=patient)
+        if DRIVE in simulated.ports:
+            simulated.ports[DRIVE].apply('timeout 0.7')
+        relay = exits.enter_context(Relay(relayed)) if relayed else None
+        exits.enter_context(simulated)
+        kept = folder / 'kept'
+        kept.mkdir()
+        running = exits.enter_context(Running(machine, simulated.without_mux, kept))
+        running.wait_for_nodes(10.0 * TIMEOUT_FACTOR)
+        yield Trial(machine, simulated, running, kept, relay)

@@ -1,0 +1,531 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The trial without a machine: its order, its looks, its folder, and what a mux says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import copy
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bridge_core.fingerprint import differences, fingerprint, version
+from bridge_core.parameters import ParameterError
+from rugged_teleop.commission import folder, looks
+from rugged_teleop.commission.daily import daily_steps, result_of
+from rugged_teleop.commission.engine import Benched, Engine, LeftError
+from rugged_teleop.commission.faces import Terminal
+from rugged_teleop.commission.history import History
+from rugged_teleop.commission.machine import Machine
+from rugged_teleop.commission.main import main, nodes_of, read_machine
+from rugged_teleop.commission.step import (
+    Act,
+    Command,
+    Measured,
+    Phase,
+    Question,
+    Record,
+    Result,
+    Seen,
+    Step,
+)
+from rugged_teleop.commission.steps import steps_of
+from rugged_teleop.ledger.stopping import curves_of
+from safety_mux.commissioned import tried
+from test.rugged_teleop.commission.rig import FILE
+
+MUX = '/safety_mux'
+
+
+@pytest.fixture(scope='module')
+def machine() -> Machine:
+    return read_machine(FILE)[0]
+
+
+class Paper:
+    """A machine and a person of paper: time passes when it is spun, and all is answered."""
+
+    person = 1.0
+
+    def __init__(self, begin: str = 'run') -> None:
+        self.history = History()
+        self.time, self.acts, self._begin = 100.0, list[str](), begin
+        self.wishes, self.again = list[str](), list[bool]()
+
+    def now(self) -> float:
+        return self.time
+
+    def spin(self, seconds: float) -> None:
+        self.time += seconds
+
+    def reset(self) -> tuple[bool, str]:
+        return True, ''
+
+    def command(self, command: Command | None) -> bool:
+        return True
+
+    def pid_of(self, node: str, process: str) -> int:
+        return 1
+
+    def bench(self, node: str, joint: str) -> Benched:
+        return Benched('', 0.1, 6.3)
+
+    def keep(self, step: str, since: float) -> str:
+        return f'{step}.mcap'
+
+    def begin(self, step: Step) -> str:
+        return self._begin
+
+    def accept(self, step: Step, problems: Sequence[str]) -> str:
+        return ''
+
+    def act(self, act: Act) -> bool:
+        self.acts.append(act.text)
+        return True
+
+    def ask(self, step: Step, question: Question) -> str:
+        return {'which': 'left', 'way': 'forward'}.get(question.name, '1')
+
+    def expect(self, phase: Phase | None) -> None:
+        pass
+
+    def wish(self) -> str:
+        return self.wishes.pop(0) if self.wishes else ''
+
+    def tell(self, record: Record) -> bool:
+        return bool(self.again.pop(0)) if self.again else False
+
+
+def _engine(paper: Paper) -> Engine:
+    return Engine(paper, paper, lambda: 'now')
+
+
+def _record(name: str, result: Result, **values: Any) -> Record:
+    return Record(name, name, result, 'text', 'now', **values)
+
+
+# The order
+
+
+def test_nothing_moves_before_every_stop_was_seen(machine: Machine) -> None:
+    steps = steps_of(machine)
+    stops = [step.name for step in steps if step.stops]
+    first = next(n for n, step in enumerate(steps) if step.moves)
+    ways = ['fort.remote', 'fort.wired', 'fort.off', 'fort.cable', 'drive.cable']
+    assert stops == [f'stop.{way}' for way in (*ways, 'actuators')]
+    assert not any(step.stops for step in steps[first:])
+    done = {name: _record(name, Result.PASSED) for name in stops}
+    engine = _engine(Paper())
+    moving = [step for step in steps if step.moves]
+    assert not any(engine.blocked(step, steps, done) for step in moving)
+    for result in (Result.FAILED, Result.SKIPPED, Result.ACCEPTED, Result.NOT_RUN):
+        for name in stops:
+            worse = done | {name: _record(name, result)}
+            assert all(name in engine.blocked(step, steps, worse) for step in moving)
+
+
+def test_blocked_step_does_nothing() -> None:
+    paper = Paper()
+    step = Step(name='a', title='a', moves=True, undo=(Act('undone'),))
+    assert _engine(paper).run(step, 'blocked').result is Result.NOT_RUN
+    assert not paper.acts
+
+
+def test_skipped_step_keeps_its_reason() -> None:
+    record = _engine(Paper('no wheels yet')).run(Step(name='a', title='a'))
+    assert (record.result, record.reason) == (Result.SKIPPED, 'no wheels yet')
+
+
+def test_what_was_done_is_undone_after_a_failure() -> None:
+    paper = Paper()
+    phase = Phase('never', lambda *_: None, (Act('pressed'),), limit=0.1)
+    record = _engine(paper).run(Step(name='a', title='a', phases=(phase,), undo=(Act('let go'),)))
+    assert record.result is Result.FAILED
+    assert paper.acts == ['pressed', 'let go']
+
+
+NEVER = Phase('never', lambda *_: None, (Act('press'),), limit=0.1, person=True)
+
+
+@pytest.mark.parametrize(
+    ('wish', 'result', 'took'),
+    [
+        ('', Result.FAILED, 1.1),  # the time that a person has, and the limit
+        ('done', Result.FAILED, 0.1),
+        ('no remote', Result.SKIPPED, 0.0),
+    ],
+)
+def test_person_says_that_it_is_done_or_skipped(wish: str, result: Result, took: float) -> None:
+    paper = Paper()
+    paper.wishes = [wish]
+    step = Step(name='a', title='a', phases=(NEVER,), undo=(Act('let go'),))
+    record = _engine(paper).run(step)
+    assert (record.result, record.reason) == (result, wish * (result is Result.SKIPPED))
+    assert paper.acts == ['press', 'let go']
+    assert took <= paper.time - 100.0 <= took + 0.1
+
+
+def test_step_is_done_again_and_left() -> None:
+    paper = Paper()
+    paper.again = [True, True]
+    _engine(paper).run(Step(name='a', title='a', phases=(NEVER,)))
+    assert paper.acts == ['press'] * 3
+    paper.wishes = ['leave']
+    with pytest.raises(LeftError):
+        _engine(paper).run(Step(name='a', title='a', phases=(NEVER,), undo=(Act('let go'),)))
+    assert paper.acts[-1] == 'let go'
+
+
+@pytest.mark.parametrize(
+    ('value', 'result'),
+    [(0.2, Result.PASSED), (0.3, Result.FAILED), (float('nan'), Result.FAILED)],
+)
+def test_number_beyond_its_limit_fails(value: float, result: Result) -> None:
+    seen = Seen(True, 'fine', (Measured('reaction', value, limit=0.25),))
+    step = Step(name='a', title='a', phases=(Phase('it', lambda *_: seen),))
+    assert _engine(Paper()).run(step).result is result
+
+
+@pytest.mark.parametrize(
+    ('missing', 'says'),
+    [
+        ('joint.left.max', 'joint.left.max is the default'),
+        ('commissioning.stop_time', 'commissioning.stop_time is not given'),
+        ('commissioning.stop_angle', 'commissioning.stop_angle is not given'),
+    ],
+)
+def test_limit_left_at_its_default_is_named(machine: Machine, missing: str, says: str) -> None:
+    given = {name: value for name, value in machine.given.items() if name != missing}
+    changed = Machine([machine.mux, *machine.bridges], given)
+    if missing.startswith('commissioning'):
+        changed.values = {**machine.values, missing: 0.0}
+    limits = next(step for step in steps_of(changed) if step.name == 'what.limits')
+    assert says in limits.problems[0]
+    assert not next(s for s in steps_of(machine) if s.name == 'what.limits').problems
+
+
+# The daily check
+
+
+def test_daily_check_has_each_button_and_each_deadman_once(machine: Machine) -> None:
+    steps = daily_steps(machine)
+    stops, deadmen = ['stop.fort.remote', 'stop.fort.wired'], ['deadman.fort.0']
+    assert [step.name for step in steps] == [*stops, *deadmen]
+    assert [step.name for step in steps if step.stops] == stops
+    assert _engine(Paper()).blocked(steps[-1], steps, {})
+    done = {name: _record(name, Result.PASSED) for name in stops}
+    assert result_of(steps, done, 'A. B.') == 'not passed: deadman.fort.0 not done; by A. B.'
+    done['deadman.fort.0'] = _record('deadman.fort.0', Result.PASSED)
+    assert result_of(steps, done, 'A. B.') == 'passed; by A. B.'
+
+
+@pytest.mark.parametrize(
+    ('values', 'ok'),
+    [
+        ([('joy fort', 1.1, ([], [0])), ('state', 1.2, 'READY')], True),
+        ([('joy fort', 1.1, ([], [0])), ('state', 1.2, 'STOPPED')], False),
+        ([('command', 1.1, {'left': 0.1})], False),
+        ([('joy fort', 1.1, ([], [0]))], None),
+        ([('state', 1.2, 'READY')], None),
+    ],
+)
+def test_deadman_that_is_let_go_of_ends_control(
+    machine: Machine, values: list[Any], ok: bool | None
+) -> None:
+    look = daily_steps(machine)[-1].phases[-1].look
+    seen = look(_heard(*values), {'since': 1.0}, 2.0)
+    assert (seen and seen.ok) is ok
+
+
+# Looks
+
+
+def _heard(*values: tuple[str, float, Any]) -> History:
+    history = History()
+    for channel, at, value in values:
+        history.add(channel, at, value)
+    return history
+
+
+AGE = 'from node to wire, at most (s)'
+
+
+@pytest.mark.parametrize(
+    ('ages', 'ok', 'limited'),
+    [
+        (['0.05', '0.1'], True, True),
+        (['0.05', '0.45'], True, False),
+        (['0.1', 'unknown'], False, True),
+    ],
+)
+def test_second_computer_that_is_late_is_seen(ages: list[str], ok: bool, limited: bool) -> None:
+    heard = _heard(*(('status', 1.0 + n, {AGE: age}) for n, age in enumerate(ages)))
+    seen = looks.fresh_on_the_way(AGE, 0.3)(heard, {'since': 0.0}, 4.0)
+    assert seen is not None
+    assert seen.ok is ok
+    assert all(each.is_within for each in seen.measured) is limited
+
+
+@pytest.mark.parametrize(
+    ('channel', 'value', 'says'),
+    [
+        ('enabled', True, 'enabled by itself'),
+        ('command', {'left': 0.1}, 'motion was commanded'),
+        ('state', 'READY', 'the mux is'),
+    ],
+)
+def test_what_moves_by_itself_is_seen(channel: str, value: Any, says: str) -> None:
+    heard = _heard(('state', 0.5, 'STOPPED'), (channel, 1.5, value))
+    seen = looks.still('STOPPED')(heard, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert not seen.ok
+    assert says in seen.text
+
+
+def test_reset_that_counts_while_pressed_is_seen() -> None:
+    heard = _heard(('state', 1.0, 'STOPPED'), ('reset', 1.1, (True, 'done')))
+    seen = looks.refused(heard, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert not seen.ok
+
+
+def test_way_to_standstill_is_measured() -> None:
+    speeds = [(1.0, 2.0), (1.5, 1.0), (2.0, 0.0), (2.6, 0.0)]
+    heard = _heard(*(('joints', at, {'left': speed}) for at, speed in speeds))
+    look = looks.stands(0.2, 0.6, 1.4)
+    assert look(heard, {'began': 1.0}, 2.6) is not None
+    seen = look(heard, {'began': 1.0}, 2.6)
+    assert seen is not None
+    assert seen.stopping == {}, 'the mux did not stop it'
+    assert all(each.is_within for each in seen.measured)
+    assert (
+        looks.stands(0.2, 0.6, 1.4)(_heard(('joints', 1.0, {'left': 2.0})), {'began': 1.0}, 9.0)
+        is None
+    )
+
+
+@pytest.mark.parametrize(
+    ('began', 'states'),
+    [
+        (1.0, [(0.5, 'ACTIVE'), (1.3, 'STOPPED'), (1.8, 'STOPPED')]),
+        (1.35, [(0.5, 'ACTIVE'), (1.3, 'READY'), (1.36, 'STOPPED')]),
+    ],
+    ids=['at once', 'after its deadman'],
+)
+def test_standstill_is_measured_as_in_use(began: float, states: list[tuple[float, str]]) -> None:
+    """From the mux's stop on, of what moved; not from its cause, which a link may have hidden."""
+    speeds = [(0.9, 2.0), (1.3, 2.0), (1.5, 1.0), (1.7, 0.0), (1.81, 0.0), (2.3, 0.0)]
+    joints = [('joints', at, {'left': speed, 'right': 0.0}) for at, speed in speeds]
+    heard = _heard(*joints, *(('state', at, state) for at, state in states))
+    seen = looks.stands(0.2, 0.6, 1.4)(heard, {'began': began}, 2.3)
+    assert seen is not None
+    curves = curves_of({'stopping': {name: [each] for name, each in seen.stopping.items()}})
+    assert [*curves] == ['left']
+    assert curves['left'][0] == pytest.approx((2.0, 0.36))
+
+
+# What decides
+
+
+NODES: dict[str, dict[str, Any]] = {
+    MUX: {'joint.left.max': 10.0, 'hardware_id': 'a'},
+    '/drive': {'port': 'x'},
+}
+
+
+def test_order_and_names_do_not_decide() -> None:
+    other: dict[str, dict[str, Any]] = {
+        '/drive': {'port': 'x'},
+        MUX: {'hardware_id': 'b', 'joint.left.max': 10.0},
+    }
+    assert fingerprint(NODES) == fingerprint(other)
+    assert differences(NODES, other) == []
+
+
+@pytest.mark.parametrize(
+    ('change', 'says'),
+    [
+        ({MUX: {'joint.left.max': 12.0}}, 'joint.left.max was 10.0, is 12.0'),
+        ({MUX: {}}, 'joint.left.max was 10.0, is not there'),
+        ({'/drive': {'port': 'y'}}, 'port was x, is y'),
+        ({'/new': {}}, '/new is new'),
+    ],
+)
+def test_what_decides_is_named(change: dict[str, dict[str, Any]], says: str) -> None:
+    other = {**NODES, **change}
+    assert fingerprint(NODES) != fingerprint(other)
+    assert differences(NODES, other) == [says]
+
+
+# The folder
+
+
+def _report(machine: Machine, *records: Record) -> dict[str, Any]:
+    head = {
+        **dict.fromkeys(('machine', 'place', 'who'), 'x & <y>'),
+        'version': version(),
+        'date': 'today',
+        'simulated': False,
+        'patience': 1.0,
+        **dict.fromkeys(('ros', 'python', 'computer', 'file'), 'z'),
+        'parameters': nodes_of(machine),
+        'fingerprint': fingerprint(nodes_of(machine)),
+    }
+    steps = [Step(name=each.name, title=each.name) for each in records]
+    return folder.report_of(head, steps, {each.name: each for each in records})
+
+
+STOP = {'left': {'speed': 2.0, 'time': 0.3, 'angle': 0.4}}
+MOVED = _record(
+    'motion.a',
+    Result.PASSED,
+    stopping=STOP,
+    series={'joints left': [[0.0, 2.0], [0.5, 0.0]]},
+    measured=[Measured('to standstill', 0.3, limit=0.5)],
+)
+
+
+@pytest.fixture
+def written(machine: Machine, tmp_path: Path) -> Path:
+    folder.write(tmp_path, _report(machine, MOVED), FILE.read_bytes())
+    return tmp_path
+
+
+def test_report_is_verified_and_read_again(written: Path) -> None:
+    report = folder.verify(written)
+    assert report['verdict'] == 'passed'
+    assert report['stopping'] == {'left': [STOP['left']]}
+    assert folder.records_of(report) == {'motion.a': MOVED}
+    page = (written / 'report.html').read_text()
+    assert '<svg' in page
+    assert 'x &amp; &lt;y&gt;' in page
+
+
+@pytest.mark.parametrize(
+    ('results', 'verdict'),
+    [
+        ([Result.PASSED], 'passed'),
+        ([Result.PASSED, Result.SKIPPED], 'passed with exceptions'),
+        ([Result.PASSED, Result.ACCEPTED], 'passed with exceptions'),
+        ([Result.PASSED, Result.NOT_RUN], 'passed with exceptions'),
+        ([Result.SKIPPED, Result.FAILED], 'failed'),
+        ([], 'failed'),
+    ],
+)
+def test_verdict_names_every_exception(
+    machine: Machine, results: list[Result], verdict: str
+) -> None:
+    records = [_record(f'step {n}', result, reason='why') for n, result in enumerate(results)]
+    report = _report(machine, *records)
+    assert report['verdict'] == verdict
+    open_ = [each for each in records if each.result not in (Result.PASSED, Result.FAILED)]
+    assert len(report['exceptions']) == len(open_)
+
+
+def test_command_verifies_and_checks(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(['verify', str(written)])
+    assert 'passed on today' in capsys.readouterr().out
+    changed = written.parent / 'changed.yaml'
+    changed.write_text(FILE.read_text().replace('left: {max: 10.0}', 'left: {max: 12.0}'))
+    for file, status in ((FILE, 0), (changed, 1)):
+        with pytest.raises(SystemExit) as ended:
+            main(['check', str(written), str(file)])
+        assert ended.value.code == status
+    assert 'not validated: joint.left.max was 10.0, is 12.0' in capsys.readouterr().out
+    (written / 'report.html').write_text('x')
+    with pytest.raises(SystemExit) as ended:
+        main(['verify', str(written)])
+    assert ended.value.code == 1
+
+
+@pytest.mark.parametrize(
+    'arguments', [['a', 'b'], ['nowhere.yaml'], [str(FILE), '--patience', '2']]
+)
+def test_wrong_arguments_are_refused(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+
+
+# At a terminal
+
+
+@pytest.mark.parametrize('kind', ['text', 'number', ('left', 'right')])
+def test_input_that_ends_leaves_the_trial(
+    kind: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('sys.stdin', io.StringIO('neither\n' if kind != 'text' else ''))
+    step = Step(name='a', title='A')
+    with pytest.raises(LeftError):
+        Terminal({}).ask(step, Question('q', 'Which?', kind))
+    assert capsys.readouterr().out.count('Which?') <= 2
+
+
+# What the mux says
+
+
+def _tried(machine: Machine, path: Path, **changes: Any) -> Any:
+    values: Mapping[str, Any] = {
+        **machine.values,
+        'commissioning.report': str(path / 'report.json'),
+        **changes,
+    }
+    return tried(values, MUX)
+
+
+def test_mux_with_what_was_tried_says_when_and_by_whom(machine: Machine, written: Path) -> None:
+    found = _tried(machine, written)
+    assert found.words == 'commissioned on today by x & <y>: passed'
+    assert not found.problem
+    assert _tried(machine, written, **{'commissioning.required': True}) == found
+    assert tried(machine.values, MUX) is None
+
+
+@pytest.mark.parametrize(
+    ('change', 'says'),
+    [
+        ({'version': '0.0.1'}, 'the package was 0.0.1'),
+        ({'simulated': True}, 'simulated machine'),
+        ({'verdict': 'failed'}, 'the trial failed'),
+        ({'parameters': {}}, 'of another machine, of no nodes'),
+        ({'parameters': {'/other/safety_mux': {}}}, 'of another machine, of /other/safety_mux'),
+        ({'parameters': 3}, 'is no report'),
+    ],
+)
+def test_trial_that_does_not_count_is_named(
+    machine: Machine, written: Path, change: dict[str, Any], says: str
+) -> None:
+    report = json.loads((written / 'report.json').read_text())
+    (written / 'report.json').write_text(json.dumps({**copy.deepcopy(report), **change}))
+    found = _tried(machine, written)
+    assert found.problem.startswith('not validated: ')
+    assert says in found.problem
+    with pytest.raises(ParameterError, match='not validated'):
+        _tried(machine, written, **{'commissioning.required': True})
+
+
+def test_changed_parameter_is_named_and_stops_nothing_by_itself(
+    machine: Machine, written: Path
+) -> None:
+    five = (
+        'left.max',
+        'left.acceleration',
+        'left.deceleration',
+        'right.max',
+        'right.acceleration',
+    )
+    assert (
+        'more' not in _tried(machine, written, **{f'joint.{name}': 11.5 for name in five}).problem
+    )
+    changed = {'joint.left.max': 12.0}
+    found = _tried(machine, written, **changed)
+    assert found.problem == 'not validated: joint.left.max was 10.0, is 12.0'
+    with pytest.raises(ParameterError, match=r'joint\.left\.max was 10\.0, is 12\.0'):
+        _tried(machine, written, **changed, **{'commissioning.required': True})
+    with pytest.raises(ParameterError, match='is empty'):
+        tried({**machine.values, 'commissioning.required': True}, MUX)

@@ -1,0 +1,223 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Servos, monitors, cables and processes: planted faults, and that nothing moves too early."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import math
+from typing import Any
+
+import pytest
+
+from rugged_teleop.commission import looks_actuators
+from rugged_teleop.commission.engine import Engine
+from rugged_teleop.commission.history import History
+from rugged_teleop.commission.machine import Machine
+from rugged_teleop.commission.main import read_machine
+from rugged_teleop.commission.step import Act, Record, Result, Step
+from rugged_teleop.commission.steps import steps_of
+from stage.rig import ROOT
+from test.rugged_teleop.commission.rig import DRIVE, Fault, FILE, Trial, trial
+from test.rugged_teleop.commission.test_commission import Paper
+
+SSC, MONITOR = '/ssc_bridge', '/akron_can_bridge'
+ACTUATORS_FILE = FILE.with_name('machine_actuators.yaml')
+MACHINES = (
+    *(FILE, ACTUATORS_FILE, FILE.with_name('machine_vm110.yaml'), ROOT / 'config' / 'demo.yaml'),
+    *(ROOT / 'config' / 'recipes' / f'{name}.yaml' for name in ('fire_truck', 'four_wheels')),
+)
+
+
+# Nothing moves before its stops were seen to work
+
+
+@pytest.fixture(scope='module', params=MACHINES, ids=lambda file: file.stem)
+def machine(request: pytest.FixtureRequest) -> Machine:
+    return read_machine(request.param)[0]
+
+
+def _acts(step: Step) -> Iterator[Act]:
+    for phase in step.phases:
+        yield from phase.acts
+
+
+def test_what_moves_says_so_and_waits_for_every_stop(machine: Machine) -> None:
+    steps = steps_of(machine)
+    stops = [step.name for step in steps if step.stops]
+    passed = {name: Record(name, name, Result.PASSED, '') for name in stops}
+    engine = Engine(Paper(), Paper(), lambda: 'now')
+    for step in steps:
+        commands = [act.command for act in _acts(step) if act.command is not None]
+        harmed = any({'kill', 'freeze'}.intersection(act.lines) for act in _acts(step))
+        assert step.moves or not (commands or step.joint or harmed), step.name
+        assert not (step.moves and step.stops)
+        missing = [{**passed, name: Record(name, name, Result.FAILED, '')} for name in stops]
+        blocked = [bool(engine.blocked(step, steps, done)) for done in missing]
+        assert set(blocked) == {step.moves}
+        assert not engine.blocked(step, steps, passed)
+    first = next(number for number, step in enumerate(steps) if step.moves)
+    assert not any(step.stops for step in steps[first:])
+
+
+def test_every_actuator_has_to_hear_the_mux_first(machine: Machine) -> None:
+    (hear,) = [step for step in steps_of(machine) if step.name == 'stop.actuators']
+    expected = ' '.join(phase.expected for phase in hear.phases)
+    nodes = [each.full for each in machine.bridges if each.device and each.device.actuator]
+    assert nodes
+    assert all(node in expected for node in nodes)
+
+
+def test_every_command_of_the_trial_ends(machine: Machine) -> None:
+    for step in steps_of(machine):
+        told = {act.command.node for act in _acts(step) if act.command}
+        ended = {act.command.node for act in step.undo if act.command and not act.command.shares}
+        assert told == ended, step.name
+
+
+# What is looked for
+
+
+def _heard(channel: str, *values: tuple[float, Any]) -> History:
+    history = History()
+    for at, value in values:
+        history.add(channel, at, value)
+    return history
+
+
+@pytest.mark.parametrize(
+    ('places', 'ok', 'says'),
+    [
+        ((0.0, 0.5, 1.0, 1.0, 1.0), True, 'has ends'),
+        ((math.nan, 0.5, 1.0, 1.0, 1.0), True, 'has ends'),
+        ((0.0, -0.5, -1.0, -1.0, -1.0), False, 'pan goes the wrong way'),
+        ((0.0, 0.8, 1.2, 1.2, 1.2), False, 'beyond its limits'),
+        ((0.0, 0.5, 1.0, 1.0, 0.9), None, ''),
+        ((0.0, 0.0, 0.0, 0.0, 0.0), None, ''),
+    ],
+)
+def test_end_of_a_joint_is_seen(places: tuple[float, ...], ok: bool | None, says: str) -> None:
+    times = (1.0, 1.3, 1.6, 1.9, 2.2)
+    heard = _heard('places /n', *((at, {'pan': x}) for at, x in zip(times, places, strict=True)))
+    seen = looks_actuators.at_end('/n', 'pan', 1, 1.02)(heard, {'since': 1.1}, 2.2)
+    assert (seen and seen.ok) is ok
+    assert says in (seen.text if seen else '')
+
+
+@pytest.mark.parametrize(
+    ('said', 'ok'), [('e-stop input is true', True), ('there are none', False)]
+)
+def test_actuator_that_does_not_hear_the_stop_is_seen(said: str, ok: bool) -> None:
+    heard = _heard('device /n', (2.0, {'commands not obeyed because': said}))
+    assert bool(looks_actuators.told_to_stop('/n')(heard, {'since': 1.0}, 2.1)) is ok
+
+
+# Planted faults
+
+FAULTS = {
+    ACTUATORS_FILE: {
+        'exchanged servo channels': Fault(
+            'joint.pan',
+            'tilt moved in the place of pan',
+            wheels=(('pan', 'tilt', 1.0), ('tilt', 'pan', 1.0)),
+        ),
+        'servo that goes the wrong way': Fault(
+            'joint.tilt', 'tilt moved the wrong way', wheels=(('tilt', 'tilt', -1.0),)
+        ),
+        'monitor that turns the wrong way': Fault(
+            'joint.rotation',
+            'rotation moved the wrong way',
+            wheels=(('rotation', 'rotation', -1.0),),
+        ),
+        'servo that holds its last when commands end': Fault(
+            'motion.ssc_bridge.ends',
+            'pan stays at 0.20 without commands',
+            device=(f'{SSC} keep on',),
+            mended=(f'{SSC} keep off',),
+        ),
+        'monitor that goes on oscillating': Fault(
+            'motion.akron_can_bridge.oscillation',
+            'rotation of /akron_can_bridge goes on moving',
+            device=(f'{MONITOR} soe off',),
+            mended=(f'{MONITOR} oscillate off', f'{MONITOR} position 1 0', f'{MONITOR} soe on'),
+        ),
+    },
+    FILE: {
+        'node of a drive whose death is not noticed': Fault(
+            'motion.drive.killed', 'expected: the mux STOPPED', dead=('kill',)
+        ),
+        'drive that starts again by itself': Fault(
+            'motion.drive.cable',
+            'the drive starts again by itself',
+            instead=(('plug', 'plug; stuck * on'),),
+            mended=(f'{DRIVE} stuck * off',),
+        ),
+    },
+}
+SOUND = {
+    ACTUATORS_FILE: (
+        'motion.ssc_bridge.killed',
+        'motion.ssc_bridge.wire',
+        'motion.akron_can_bridge.mux_frozen',
+    ),
+    FILE: ('motion.drive.wire', 'motion.drive.mux_killed', 'motion.fort.killed'),
+}
+WARM = ('limit left -20', 'limit right 20', 'soe on')
+
+
+@pytest.fixture(scope='module')
+def tried(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Trial]:
+    with trial(tmp_path_factory.mktemp('commission'), request.param) as made:
+        if MONITOR in made.simulated.ports:
+            made.simulated.ports[MONITOR].apply(*WARM)
+        yield made
+
+
+@pytest.mark.waits(120.0)
+@pytest.mark.parametrize(
+    ('tried', 'name'),
+    [(file, name) for file, faults in FAULTS.items() for name in faults],
+    indirect=['tried'],
+    ids=lambda each: each if isinstance(each, str) else each.stem,
+)
+def test_planted_fault_is_named(tried: Trial, name: str) -> None:
+    fault = next(faults[name] for faults in FAULTS.values() if name in faults)
+    record = tried.plant(fault)
+    assert record.result is Result.FAILED, record
+    assert fault.says in record.text
+
+
+@pytest.mark.waits(120.0)
+@pytest.mark.parametrize(
+    ('tried', 'step'),
+    [
+        (file, step)
+        for file, faults in FAULTS.items()
+        for step in (*(fault.step for fault in faults.values()), *SOUND[file])
+    ],
+    indirect=['tried'],
+    ids=lambda each: each if isinstance(each, str) else each.stem,
+)
+def test_same_step_passes_without_fault(tried: Trial, step: str) -> None:
+    record = tried.run(step)
+    assert record.result is Result.PASSED, record
+
+
+@pytest.mark.waits(120.0)
+@pytest.mark.parametrize('tried', [ACTUATORS_FILE], indirect=True, ids=['machine_actuators'])
+@pytest.mark.parametrize('degrees', [-20, 20])  # see WARM
+def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int) -> None:
+    tried.simulated.ports[MONITOR].apply(f'position 1 {degrees}')
+    assert tried.run('joint.rotation').result is Result.PASSED
+
+
+@pytest.mark.waits(120.0)
+@pytest.mark.parametrize('tried', [FILE], indirect=True, ids=['machine'])
+def test_what_the_drive_does_without_us_is_a_fact(tried: Trial) -> None:
+    facts = tried.run('motion.drive.cable').facts
+    assert 0.3 < float(facts[f'{DRIVE}: goes on without commands (s)']) < 3.0
+    assert facts[f'{DRIVE}: starts again by itself'] is False
+    assert facts[f'{DRIVE}: keeps its error until it is cleared'] is False

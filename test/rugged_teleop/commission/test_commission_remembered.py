@@ -1,0 +1,189 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A trial that is continued, its file of answers, and what a running mux says of its report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import json
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import pytest
+
+from bridge_core.fingerprint import fingerprint, version
+from rugged_teleop.commission import folder
+from rugged_teleop.commission.answers import read_answers
+from rugged_teleop.commission.main import main, nodes_of, read_machine
+from rugged_teleop.commission.step import Question, Record, Result, Step
+from stage.rig import latched, NodeProcess, Observer
+from test.rugged_teleop.commission.rig import FILE
+from test.rugged_teleop.commission.test_commission_folder import HEAD
+
+STEPS = [
+    Step(name='joint.left', title='a', questions=(Question('turns', 'How many?', 'number'),)),
+    Step(name='chain.a', title='b', questions=(Question('meter', 'Open?', ('open', 'closed')),)),
+]
+
+
+@pytest.fixture(scope='module')
+def report() -> dict[str, Any]:
+    parameters = nodes_of(read_machine(FILE)[0])
+    head = {'parameters': parameters, 'fingerprint': fingerprint(parameters)}
+    done = Record('what.limits', 'a', Result.PASSED, 'fine')
+    step = Step(name=done.name, title=done.title)
+    return folder.report_of({**HEAD, **head, 'version': version()}, [step], {done.name: done})
+
+
+# Answers
+
+
+def test_answers_are_read(tmp_path: Path) -> None:
+    file = tmp_path / 'answers.yaml'
+    answers = {
+        'machine': 'acme 7',
+        'accept': 'trial run',
+        'joint.left.turns': 1.5,
+        'meter': 'open',
+        'skip': {'chain.a': 'no meter'},
+    }
+    file.write_text(json.dumps(answers))
+    assert read_answers(file, STEPS) == answers
+    file.write_text('')
+    assert read_answers(file, STEPS) == {}
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        ('[1, 2]', 'is no mapping'),
+        ('{', 'while parsing'),
+        ('\xff', "codec can't decode"),
+        ('whom: me', 'nothing asks for whom'),
+        ('joint.right.turns: 1', 'nothing asks for joint.right.turns'),
+        ('1: me', 'nothing asks for 1'),
+        ('turns: many', 'turns: many is not a number'),
+        ('turns: .nan', 'turns: nan is not a number'),
+        ('chain.a.meter: shut', 'chain.a.meter: shut is not one of open, closed'),
+        ('machine: [a]', "machine: ['a'] is not a text"),
+        ('who:', 'who: None is not a text'),
+        ('skip: chain.a', 'skip is no mapping of steps to reasons'),
+        ('skip: {chain.b: x}', 'there is no step chain.b'),
+        ('skip: {chain.a: }', 'chain.a has no reason'),
+    ],
+)
+def test_answer_that_answers_nothing_is_refused(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / 'answers.yaml'
+    file.write_bytes(text.encode('latin-1'))
+    with pytest.raises(ValueError, match=r'^--answers ') as caught:
+        read_answers(file, STEPS)
+    assert says in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+# A folder that was left
+
+
+def _run(*words: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(FILE), '--simulated', *words])
+    return int(str(ended.value.code))
+
+
+def test_wrong_answers_are_refused_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run('--folder', str(tmp_path / 'new'), '--answers', str(tmp_path / 'none')) == 2
+    assert 'none: No such file' in capsys.readouterr().err
+    assert not (tmp_path / 'new').exists()
+
+
+@pytest.mark.parametrize(
+    ('change', 'status', 'says'),
+    [
+        ({'simulated': False}, 2, 'is of the machine'),
+        ({'joint.left.max': 12.0}, 2, 'of other parameters: joint.left.max was 12.0, is 10.0'),
+        ({'format': 2}, 1, 'no report of this version'),
+    ],
+)
+def test_folder_of_another_trial_is_refused_and_left_as_it_is(
+    tmp_path: Path,
+    report: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    change: dict[str, Any],
+    status: int,
+    says: str,
+) -> None:
+    other = json.loads(json.dumps({**report, 'simulated': True}))
+    if 'joint.left.max' in change:
+        other['parameters']['/safety_mux'] |= change
+    else:
+        other |= change
+    folder.write(tmp_path, other, b'')
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert _run('--folder', str(tmp_path)) == status
+    assert says in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+# A running mux
+
+
+@pytest.fixture(scope='module')
+def observer() -> Iterator[Observer]:
+    with Observer() as made:
+        yield made
+
+
+def _mux(folder: Path, left: float, **given: Any) -> NodeProcess:
+    """Start a mux with what stands in a folder. :param left: joint.left.max."""
+    file = folder.with_suffix('.yaml')
+    file.write_text(FILE.read_text().replace('left: {max: 10.0}', f'left: {{max: {left}}}'))
+    given = {f'commissioning.{name}': value for name, value in given.items()}
+    return NodeProcess('safety_mux.node', given, arguments=('--params-file', str(file)))
+
+
+@pytest.mark.parametrize(
+    ('left', 'name', 'says'),
+    [
+        (10.0, 'report.json', 'commissioned on x & <y> by x & <y>: passed'),
+        (12.0, 'report.json', 'not validated: joint.left.max was 10.0, is 12.0'),
+        (10.0, 'none.json', 'none.json is no report: No such file'),
+    ],
+)
+def test_running_mux_says_whether_it_was_tried(
+    observer: Observer, report: dict[str, Any], tmp_path: Path, left: float, name: str, says: str
+) -> None:
+    folder.write(tmp_path, report, b'')
+    status = observer.record(DiagnosticStatus, '/safety_mux/status', latched())
+    with _mux(tmp_path, left, report=str(tmp_path / name)):
+
+        def said() -> str:
+            values = status.last.values if status.last else []
+            return next((str(v.value) for v in values if v.key == 'commissioning'), '')
+
+        observer.wait_for(lambda: says in said(), what=said)
+        assert ('not validated' in status.last.message) is (not says.startswith('com'))
+
+
+@pytest.mark.parametrize(
+    ('content', 'says'),
+    [
+        (None, 'joint.left.max was 10.0, is 12.0'),
+        ('{', 'is no report: Expecting property name'),
+        ('[]', 'is no report: list indices'),
+        ('{}', "is no report: it has no 'date'"),
+    ],
+)
+def test_mux_that_needs_a_trial_refuses_to_start_without(
+    report: dict[str, Any], tmp_path: Path, content: str | None, says: str
+) -> None:
+    folder.write(tmp_path, report, b'')
+    if content is not None:
+        (tmp_path / folder.REPORT).write_text(content)
+    with _mux(tmp_path, 12.0, report=str(tmp_path / folder.REPORT), required=True) as mux:
+        assert mux.wait() == 2
+        assert says in mux.output
+        assert len(mux.output.strip().splitlines()) == 1

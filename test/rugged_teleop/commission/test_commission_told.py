@@ -1,0 +1,222 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What devices, links and meters tell the trial, on paper; and that hands fit their devices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bridge_core.decoding import StreamDecoder
+from bridge_core.device import Device, Switch
+from rugged_teleop.commission import looks
+from rugged_teleop.commission.history import History
+from rugged_teleop.commission.main import read_machine
+from rugged_teleop.commission.step import Seen, Step
+from rugged_teleop.commission.steps import steps_of
+from rugged_teleop.devices import devices, protocols
+from rugged_teleop.simulate import DEVICES, parser
+from stage.rig import ROOT
+from test.rugged_teleop.commission.rig import FILE, VM110_FILE
+from vm110_bridge.simulator import build_packet, build_vrpi
+
+FILES = [FILE, VM110_FILE, ROOT / 'config' / 'demo.yaml']
+
+
+def _heard(*values: tuple[str, float, Any]) -> History:
+    history = History()
+    for channel, at, value in values:
+        history.add(channel, at, value)
+    return history
+
+
+def _steps(file: Path) -> dict[str, Step]:
+    steps = steps_of(read_machine(file)[0])
+    found = {step.name: step for step in steps}
+    assert len(found) == len(steps), 'two steps have one name'
+    return found
+
+
+# Steps
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.stem)
+def test_what_a_step_does_it_undoes(file: Path) -> None:
+    for step in _steps(file).values():
+        acts = [act for phase in step.phases for act in phase.acts]
+        undone = {(act.node, line) for act in step.undo for line in act.lines}
+        for act in acts:
+            for begin, end in (('unplug', 'plug'), ('freeze', 'thaw'), ('end', 'start')):
+                if begin in act.lines:
+                    assert (act.node, end) in undone, step.name
+            pressed = act.text.startswith('Press ') and act.lines
+            assert not pressed or {act.node} & {each.node for each in step.undo}, step.name
+
+
+def test_stop_of_an_operator_without_control_is_none_of_the_machine() -> None:
+    step = _steps(ROOT / 'config' / 'demo.yaml')['stop.vm110.remote']
+    expected = [phase.expected for phase in step.phases]
+    assert 'e-stop source vm110, and the mux READY' in expected
+    assert 'a refused reset' not in expected
+
+
+def test_deadman_is_held_through_a_stop_that_counts_for_all() -> None:
+    step = _steps(ROOT / 'config' / 'demo.yaml')['motion.vm110.held']
+    assert any('fort' in phase.expected for phase in step.phases)
+
+
+@pytest.mark.parametrize(
+    ('name', 'shown', 'ok'),
+    [
+        ('chain.fort.closed', 'closed', True),
+        ('chain.fort.closed', 'open', False),
+        ('chain.fort.remote', 'open', True),
+        ('chain.fort.alone.wired', 'closed', False),
+        ('chain.fort.ended', 'closed', True),  # User E-STOP Timeout is off as delivered
+    ],
+)
+def test_meter_is_judged(name: str, shown: str, ok: bool) -> None:
+    judge = _steps(FILE)[name].judge
+    assert judge is not None
+    seen = judge({'meter': shown}, {})
+    assert seen.ok is ok
+    assert [*seen.facts.values()] == [shown]
+
+
+# Hands
+
+
+def _switches(device: Device) -> Iterator[Switch]:
+    hands = device.hands
+    yield from hands.estops.values()
+    yield from hands.pauses.values()
+    yield from (hands.off,) if hands.off else ()
+
+
+WITH_HANDS = {name: each for name, each in devices().items() if each.hands.ready}
+
+
+@pytest.mark.parametrize('name', WITH_HANDS)
+def test_simulator_obeys_what_hands_do(name: str) -> None:
+    device = WITH_HANDS[name]
+    kind, *words = device.simulation({}).arguments
+    options = parser().parse_args([kind, '--port', '5825', *words])
+    simulator = DEVICES[kind].make(options)
+    simulator.receive(b'', 0.0)
+    ready = device.hands.ready
+    for switch in _switches(device):
+        assert '; ' in switch.text
+        for line in (*ready, *switch.on, *switch.off):
+            simulator.apply(line)
+    for stick in (*device.hands.axes, *device.hands.buttons):
+        for share in (1, 0):
+            simulator.apply(stick.at(share))
+    seen = simulator.describe()
+    if device.hands.chain:
+        assert device.hands.chain.closed(seen)
+        simulator.apply(next(iter(device.hands.estops.values())).on[0])
+        assert not device.hands.chain.closed(simulator.describe())
+
+
+# Looks
+
+
+def _of_buttons(*buttons: list[int]) -> History:
+    return _heard(*(('joy a', 1.0 + 0.5 * n, ([0.0], each)) for n, each in enumerate(buttons)))
+
+
+@pytest.mark.parametrize(
+    ('history', 'ok'),
+    [
+        (_of_buttons([1], [1], [1]), True),
+        (_of_buttons([1], [0], [1]), False),
+        (_of_buttons([1], [], [1]), False),
+    ],
+)
+def test_deadman_that_slips_while_it_is_held_is_seen(history: History, ok: bool) -> None:
+    seen = looks.held('a', 0)(history, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert seen.ok is ok
+
+
+AGE, LINK = 'from node to wire, at most (s)', "e-stop source 'fort'"
+
+
+def _links(age: str, *proofs: int) -> Seen | None:
+    status = {AGE: '0.1', f'proven age of {LINK} (s)': age, f'age limit of {LINK} (s)': '0.250'}
+    said = [('status', 1.0, {AGE: '0.1'} | status), ('status', 2.0, status)]
+    numbers = [('proof /fort', 1.0 + 0.1 * n, number) for n, number in enumerate(proofs)]
+    return looks.fresh_on_the_way(AGE, 0.3)(_heard(*said, *numbers), {'since': 0.0}, 4.0)
+
+
+@pytest.mark.parametrize(('age', 'within'), [('0.2', True), ('0.4', False)])
+def test_each_link_is_held_against_its_own_limit(age: str, within: bool) -> None:
+    seen = _links(age)
+    assert seen is not None
+    assert all(each.is_within for each in seen.measured) is within
+
+
+def test_link_without_an_age_is_seen() -> None:
+    seen = _links('unknown')
+    assert seen is not None
+    assert not seen.ok
+
+
+def test_link_that_stops_the_mux_is_seen_before_its_end() -> None:
+    why = "READY to STOPPED, 0.1 s ago: e-stop source 'fort' is old: look at the network"
+    look = looks.fresh_on_the_way(AGE, 0.3)
+    heard = _heard(('status', 0.9, {AGE: '0.1', 'state': 'READY'}), ('state', 1.0, 'STOPPED'))
+    assert look(heard, {'since': 0.0}, 9.0) is None
+    heard.add('status', 1.1, {AGE: '0.1', 'state': 'STOPPED', 'last transition': why})
+    seen = look(heard, {'since': 0.5}, 1.5)
+    assert seen is not None
+    assert not seen.ok
+    assert 'look at the network' in seen.text
+
+
+def test_lost_proofs_are_counted() -> None:
+    seen = _links('0.1', 7, 8, 11, 12)
+    assert seen is not None
+    lost = seen.measured[-1]
+    assert (lost.name, lost.value) == ('proofs of /fort lost', 2)
+
+
+def test_what_a_device_says_is_kept_once_it_says_all() -> None:
+    look = looks.says('/a', ('mode', 'firmware'), 'off: ')
+    early, late = {'mode': 'not known yet'}, {'mode': 'Local', 'firmware': '3'}
+    heard = _heard(('device /a', 1.0, {'mode': 'Old'}), ('device /a', 2.0, early))
+    assert look(heard, {'since': 1.0}, 2.5) is None
+    heard.add('device /a', 3.0, late)
+    seen = look(heard, {'since': 1.0}, 3.1)
+    assert seen is not None
+    assert seen.facts == {'off: mode': 'Local', 'off: firmware': '3'}
+    heard = _heard(('device /a', 2.0, early))
+    seen = look(heard, {'since': 1.0}, 5.5)
+    assert seen is not None
+    assert seen.facts == {'off: mode': 'not known yet', 'off: firmware': 'not told'}
+
+
+@pytest.mark.parametrize('counts', [True, False])
+def test_stop_of_an_operator_needs_no_stopped_mux(counts: bool) -> None:
+    look = looks.pressed('a', '/a', 0.5, counts)
+    heard = _heard(('estop a', 1.2, True), ('state', 0.5, 'READY'))
+    assert (look(heard, {'since': 1.0}, 2.0) is None) is counts
+
+
+@pytest.mark.parametrize(
+    ('said', 'stops'),
+    [
+        ({}, False),
+        ({'bu_state': 0x10, 'ru_state': 0}, False),  # disarmed
+        ({'bu_state': 0x03}, True),  # blocked
+        ({'ru_state': 4}, True),  # its remote has stopped
+    ],
+)
+def test_stop_is_read_from_a_packet_of_the_base_unit(said: dict[str, Any], stops: bool) -> None:
+    (decoder,) = (each for _, each in protocols(StreamDecoder) if each.name == 'vm110')
+    (content,) = decoder.parser().feed(build_packet('VRPI', build_vrpi(**said), 1, 7), 0.0)
+    assert decoder.stops(content) is stops

@@ -1,0 +1,340 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is heard becomes lines of the ledger; its thread, and the command that reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from lifecycle_msgs.msg import State, TransitionEvent
+import pytest
+from rcl_interfaces.msg import Log, Parameter, ParameterEvent, ParameterValue
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, String
+
+from rugged_teleop.ledger import main as command
+from rugged_teleop.ledger.book import Book, now
+from rugged_teleop.ledger.stopping import Trend
+from rugged_teleop.ledger.tried import Tried
+from rugged_teleop.ledger.witness import Witness
+from rugged_teleop.ledger.writer import LedgerWriter
+from rugged_teleop.recorder.definitions import message_class
+from stage.rig import wait_for
+
+MUX, DRIVE, NODES = '/safety_mux', '/esi_drive_bridge', ('/esi_drive_bridge', '/safety_mux')
+
+
+class Listening:
+    """A witness, and what it has noted."""
+
+    def __init__(self, written: Any = ()) -> None:
+        self.lines: list[tuple[str, dict[str, Any]]] = []
+        trend = Trend({'left': [(10.0, 0.4)]}, 0.25)
+        self.witness = Witness(
+            lambda kind, data: deserialize_message(data, message_class(kind)),
+            lambda what, **facts: self.lines.append((what, facts)),
+            written,
+            trend,
+            Tried(24.0, ['esi_drive_bridge'], written),
+        )
+        self.witness.know(NODES, (MUX,), {})
+        self.lines.clear()
+
+    def hear(self, topic: str, message: Any, at: float = 0.0) -> list[tuple[str, dict[str, Any]]]:
+        """Hear it; return what was noted."""
+        self.lines.clear()
+        self.witness.hear(topic, serialize_message(message), at)
+        return self.lines
+
+
+def log(node: str, text: str, level: int = 20, sec: int = 5) -> Log:
+    message = Log(name=node.strip('/').replace('/', '.'), msg=text, level=level)
+    message.stamp.sec = sec
+    return message
+
+
+@pytest.mark.parametrize(
+    ('node', 'text', 'what', 'facts'),
+    [
+        (MUX, 'STOPPED: release it', 'stop', {'state': 'STOPPED', 'why': 'release it'}),
+        (MUX, 'STOPPING: a gate', 'stop', {'state': 'STOPPING', 'why': 'a gate'}),
+        (MUX, "ACTIVE: operator 'fort'", 'control', {'why': "operator 'fort'"}),
+        (MUX, 'READY: it was reset', 'no control', {'why': 'it was reset'}),
+        (MUX, '~/reset: reset: READY', 'asked', {'by': '~/reset', 'answer': 'reset: READY'}),
+        (MUX, 'reset button: reset', 'asked', {'by': 'reset button', 'answer': 'reset'}),
+        ('/status_page', 'page: /m: trip', 'asked', {'by': 'page', 'answer': '/m: trip'}),
+        (DRIVE, 'stop: overcurrent', 'stop', {'reason': 'overcurrent'}),
+        ('/commission', 'daily check: passed', 'daily check', {'says': 'passed'}),
+        ('/commission', 'trial: failed', 'trial', {'says': 'failed'}),
+        (MUX, 'cannot activate: no', 'refused', {'why': 'no'}),
+        (MUX, 'the link ends: x', 'fault', {'why': 'the link ends: x'}),
+        (MUX, 'a line of no weight', '', {}),
+        ('/camera', 'STOPPED: somebody else', '', {}),
+    ],
+)
+def test_lines_of_logs_are_noted_once(node: str, text: str, what: str, facts: Any) -> None:
+    message = log(node, text, level=40 if what == 'fault' else 20)
+    expected = {'node': node, **facts, 'said': '5.000000000'}
+    assert Listening().hear('/rosout', message) == ([(what, expected)] if what else [])
+    # A recorder that starts again hears latched logs again.
+    assert Listening([{'what': what, **expected}]).hear('/rosout', message) == []
+
+
+def test_what_nodes_are_and_do_is_noted() -> None:
+    bench = Listening()
+    value = Parameter(name='rate', value=ParameterValue(type=3, double_value=50.0))
+    event = ParameterEvent(node=MUX, changed_parameters=[value])
+    changed = {'node': MUX, 'name': 'rate', 'value': 50.0}
+    assert bench.hear('/parameter_events', event) == [('parameter changed', changed)]
+    active = TransitionEvent(goal_state=State(label='active'))
+    assert bench.hear(f'{MUX}/transition_event', active) == [
+        ('lifecycle', {'node': MUX, 'state': 'active'})
+    ]
+    status = DiagnosticStatus(values=[KeyValue(key='commissioning', value='on 2026-11-28')])
+    said = [('commissioning', {'node': MUX, 'says': 'on 2026-11-28'})]
+    assert [[*bench.hear(f'{MUX}/status', status)] for _ in range(2)] == [said, []]
+    bench.lines.clear()
+    for values in ({'a': '1', 'b': '2'}, {'b': '2', 'a': '1'}, {'a': '1', 'b': '3'}):
+        bench.witness.know(NODES[1:], (MUX,), {MUX: values})
+    left, first, second = bench.lines
+    assert left == ('node left', {'node': DRIVE})
+    assert first[0] == second[0] == 'parameters'
+    assert first[1]['sha256'] != second[1]['sha256']
+
+
+def test_clock_that_is_set_is_noted() -> None:
+    bench = Listening()
+    for at, wall in ((0.0, 100.0), (1.0, 101.1), (2.0, 3702.0), (3.0, 3703.0)):
+        bench.witness.look(at, wall)
+    assert bench.lines == [('clock stepped', {'seconds': 3599.9})]
+
+
+def test_stop_is_measured_and_a_slow_one_named() -> None:
+    bench = Listening()
+
+    def joints(speed: float, at: float) -> None:
+        message = JointState(name=['left'], velocity=[speed], position=[0.0])
+        bench.witness.hear(f'{DRIVE}/joint_states', serialize_message(message), at)
+
+    joints(10.0, 0.0)
+    bench.hear(f'{MUX}/state', String(data='STOPPED'))  # as it was when the recorder came
+    bench.hear(f'{MUX}/state', String(data='ACTIVE'))
+    bench.hear(f'{DRIVE}/enabled', Bool(data=True))
+    bench.hear(f'{MUX}/enabled', Bool(data=True))  # which has no joints
+    joints(10.0, 0.99)
+    bench.hear(f'{MUX}/state', String(data='ACTIVE'))  # as it was
+    bench.hear(f'{DRIVE}/estop', Bool(data=False))
+    front = '/front/safety_mux'
+    bench.witness.know((*NODES, front), (MUX, front), {})
+    for node in ('/camera', front):  # of nobody of ours, or not of this drive
+        bench.hear(f'{node}/joint_states', JointState(name=['left'], velocity=[1.0]), 0.995)
+        for state in ('ACTIVE', 'STOPPED'):
+            bench.hear(f'{node}/state', String(data=state), 0.995)
+    bench.hear(f'{MUX}/state', String(data='STOPPED'), 1.0)
+    bench.hear(f'{DRIVE}/enabled', Bool(data=False), 1.02)
+    for at, speed in ((1.3, 5.0), (1.55, 1.2), (1.6, 0.2), (1.65, 0.0), (1.71, 0.0)):
+        joints(speed, at)
+        still = JointState(name=['left'], velocity=[0.0])
+        bench.witness.hear('/camera/joint_states', serialize_message(still), at)
+    ((what, facts),) = bench.lines
+    assert what == 'stood'
+    assert (facts['joint'], facts['speed'], facts['disabled'], facts['time']) == (
+        *('left', 10.0, 0.02),
+        0.6,
+    )
+    assert facts['unheard'] == 0.05
+    assert facts['slow'] == 'left: 0.60 s from 10.0 rad/s, commissioned 0.40'
+    # It is known after a restart, too.
+    (recent,) = bench.witness.trend.recent['left']
+    assert recent == pytest.approx((10.0, 0.6, 0.4))
+    assert Listening([{'what': what, **facts}]).witness.trend.warnings == {'left': facts['slow']}
+
+
+@pytest.mark.parametrize(
+    ('said', 'works'),
+    [
+        (['clear', 'stop', 'stop', 'clear'], True),
+        (['stop', 'clear'], False),
+        (['clear', 'stop'], False),
+        (['clear', 'stop', 'stale', 'stop', 'clear'], False),
+        (['clear', 'stop', 'LOST', 'stop', 'clear'], False),
+    ],
+    ids=['pressed and released', 'start', 'pressed', 'silent', 'lost link'],
+)
+def test_stop_works_when_it_was_pressed_and_released(said: list[str], works: bool) -> None:
+    bench = Listening()
+    bench.witness.look(0.0, 1000.0)
+    sources = {
+        'estop.fort.topic': '"fort/estop"',
+        'estop.drive.topic': '"/esi_drive_bridge/estop"',
+    }
+    bench.witness.know(NODES, (MUX,), {MUX: sources})
+    found = []
+    for at, word in enumerate(said):
+        values = [
+            KeyValue(key="condition of e-stop source 'fort'", value=word),
+            KeyValue(key="condition of operator 'fort'", value=word),
+        ]
+        if word == 'LOST':
+            bench.hear('/fort/link_up', Bool(data=False))
+        else:
+            found += bench.hear(f'{MUX}/status', DiagnosticStatus(values=values), float(at))
+    assert found == [('stop worked', {'node': MUX, 'source': 'fort'})] * works
+    overdue = bench.witness.tried.overdue
+    assert overdue(1003.0) == ([] if works else ['fort never'])
+    assert overdue(1003.0 + 25 * 3600) == ['fort 25 h ago' if works else 'fort never']
+
+
+READY, ACTIVE = ('READY', 'none'), ('ACTIVE', 'fort')
+RELEASED = "ACTIVE to READY, 0.0 s ago: operator 'fort' released its deadman"
+
+
+@pytest.mark.parametrize(
+    ('said', 'works'),
+    [
+        ([(READY, ''), (ACTIVE, ''), (ACTIVE, ''), (READY, RELEASED)], True),
+        ([(READY, ''), (ACTIVE, 'moving'), (READY, RELEASED, 'moving'), (READY, RELEASED)], True),
+        ([(READY, ''), (ACTIVE, ''), (READY, RELEASED, 'moving')], False),
+        ([(ACTIVE, ''), (ACTIVE, ''), (READY, RELEASED)], False),
+        ([(READY, ''), (READY, RELEASED)], False),
+        ([(READY, ''), (ACTIVE, ''), (READY, 'it was reset')], False),
+        ([(READY, ''), (ACTIVE, ''), (('STOPPED', 'none'), ''), (READY, RELEASED)], False),
+        ([(READY, ''), (('ACTIVE', 'other'), ''), (ACTIVE, ''), (READY, RELEASED)], False),
+    ],
+    ids=[
+        *('at rest', 'in motion', 'does not stand', 'held at the start', 'not pressed'),
+        *('not released', 'stopped', 'taken over'),
+    ],
+)
+def test_deadman_works_when_it_gave_control_and_ended_it(said: list[Any], works: bool) -> None:
+    bench = Listening()
+    bench.witness.look(0.0, 1000.0)
+    bench.witness.know(NODES, (MUX,), {MUX: {'operator.fort.topic': '"fort/joy"'}})
+    found = []
+    for (state, owner), transition, *feedback in said:
+        values = {'state': state, 'owner': owner, 'last transition': transition}
+        values |= dict.fromkeys(['condition of the feedback'], *feedback) if feedback else {}
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        found += bench.hear(f'{MUX}/status', DiagnosticStatus(values=pairs), 1.0)
+    assert found == [('deadman worked', {'node': MUX, 'operator': 'fort'})] * works
+    for age, ago in ((3000.0, '50 min ago'), (3600.0, '1 h ago')):
+        words = f'deadman of fort {ago if works else "never"}'
+        assert bench.witness.tried.said(1001.0 + age) == [words]
+    again = Tried(
+        24.0,
+        (),
+        [{'what': what, **facts, 'at': '1970-01-01T01:00:00+00:00'} for what, facts in found],
+    )
+    again.know({MUX: {'operator.fort.topic': '"fort/joy"'}})
+    late = 3600.0 * 26.0
+    assert again.overdue(late) == [f'deadman of fort {"25 h ago" if works else "never"}']
+
+
+def test_deadman_that_is_used_again_works_again() -> None:
+    tried = Tried(24.0, (), ())
+    said = [(READY, ''), *[(ACTIVE, ''), (READY, RELEASED)] * 2, (READY, RELEASED)]
+    found: list[Any] = []
+    for (state, owner), transition in said:
+        values = {'state': state, 'owner': owner, 'last transition': transition}
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        found += tried.hear_status(MUX, DiagnosticStatus(values=pairs), 1.0)
+    assert [each.words for each in found] == ['deadman of fort'] * 2
+
+
+@pytest.mark.parametrize(
+    ('interval', 'now', 'overdue'),
+    [
+        (24.0, 1003.0 + 86400.0, []),
+        (24.0, 1003.0 + 86401.0, ['fort 24 h ago']),
+        (24.0, 1002.0, ['fort never']),  # the clock was wrong then
+        (0.0, 1e9, []),
+    ],
+)
+def test_stop_that_nobody_tried_is_known_after_a_restart(
+    interval: float, now: float, overdue: list[str]
+) -> None:
+    line = {
+        'what': 'stop worked',
+        'node': MUX,
+        'source': 'fort',
+        'at': '1970-01-01T00:16:43+00:00',
+    }
+    again = Tried(interval, ['drive'], [line])
+    again.know({MUX: {f'estop.{name}.topic': f'"{name}/estop"' for name in ('fort', 'drive')}})
+    assert again.overdue(now) == overdue
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        {'what': 'stop worked'},
+        {'what': 'stop worked', 'node': [], 'source': 'fort', 'at': '1970-01-01'},
+        {'what': 'stop worked', 'node': MUX, 'source': 'fort', 'at': 'yesterday'},
+        {'what': 'stood', 'joint': 'left'},
+        {'what': 'stood', 'joint': 'left', 'speed': 'fast', 'time': 1.0},
+        {'what': 'stop', 'node': [], 'said': {}},
+    ],
+)
+def test_line_of_a_stranger_keeps_nobody_from_starting(line: dict[str, Any]) -> None:
+    trend, tried = Trend({'left': [(10.0, 0.4)]}, 0.2), Tried(24.0, (), [line])
+    Witness(lambda kind, data: None, lambda *_, **__: None, [line], trend, tried)
+
+
+# The thread.
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[LedgerWriter]:
+    result = LedgerWriter(tmp_path / 'new' / 'ledger.jsonl', tmp_path / 'anchor', lambda _: None)
+    yield result
+    result.stop(5.0)
+
+
+def test_lines_wait_for_another_writer_and_are_anchored(
+    writer: LedgerWriter, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = Book(writer.book.path)
+    other.append(now(), 'a', {})
+    writer.note('b', text='x')
+    wait_for(lambda: writer.error, what='a word about the other one')
+    assert writer.error.startswith('another process writes it: ')
+    other.close()
+    anchor = tmp_path / 'anchor'
+    wait_for(lambda: anchor.exists() and anchor.read_text(encoding='utf-8'), what='the anchor')
+    assert writer.error == ''
+    arguments = [str(writer.book.path), '--anchor', str(anchor)]
+    assert run('verify', *arguments) == 0
+    assert capsys.readouterr().out.startswith('2 lines, 0 ends')
+    # Without its last line it is whole, but not as the anchor says.
+    data = writer.book.path.read_bytes()
+    writer.book.path.write_bytes(data[: data.index(b'\n') + 1])
+    assert run('verify', arguments[0]) == 0
+    assert run('verify', *arguments) == 1
+    assert 'line 2 is not the one that the anchor has kept' in capsys.readouterr().err
+
+
+def run(*arguments: str) -> Any:
+    with pytest.raises(SystemExit) as end:
+        command.main(arguments)
+    return end.value.code
+
+
+def test_ledger_is_shown_and_exported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    book = Book(tmp_path / 'ledger.jsonl')
+    book.append(now(), 'stop', {'node': MUX, 'why': 'a, "b"'})
+    book.append(now(), 'stood', {'speed': 2.5, 'time': None})
+    path = str(book.path)
+    assert run('show', path, '--what', 'stop') == 0
+    assert capsys.readouterr().out.endswith(f'  stop: node {MUX}, why a, "b"\n')
+    assert run('export', path) == 0
+    assert '"a, ""b""",,' in capsys.readouterr().out
+    assert run('show', path, '--since', '2999') == 0
+    assert capsys.readouterr().out == ''
+    assert run('show', str(tmp_path / 'none')) == 2
+    assert run('verify', path, '--anchor', path) == 1
+    assert capsys.readouterr().err.endswith(f'{path} has kept no line\n')
