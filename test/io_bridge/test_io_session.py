@@ -1,0 +1,305 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What contacts, buttons, a key switch and a mux's state become, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from bridge_core.session import Level
+from io_bridge.parameters import PARAMETERS
+from io_bridge.session import Panel, Settings
+from io_bridge.session.outputs import STATE_TIMEOUT
+from io_bridge.session.turns import Question, Turns
+from io_bridge.wire import make_session
+from stage.io_rig import Box, inputs, PRESSED, RELEASED, rtu, values_of
+
+DISCREPANCY, DEBOUNCE, TIMEOUT = 0.5, 0.1, 0.25
+OUTPUTS = (('red', 4), ('yellow', 5), ('green', 6), ('horn', 7))
+HALF = (False, True)
+
+
+def open_box(**options: Any) -> Box:
+    box = Box(**options)
+    box.open()
+    if options.get('estop_kind') == 'antivalent':
+        box.lines[:2] = (True, False)
+    box.run(2 * DEBOUNCE)
+    assert not box.session.estop, box.session.stop_reasons(box.now)
+    return box
+
+
+def reason(box: Box) -> str:
+    (result,) = box.session.stop_reasons(box.now)
+    return result
+
+
+@pytest.mark.parametrize(
+    ('first', 'words'),
+    [
+        (PRESSED, 'release estop'),
+        (HALF, 'channel 1 alone'),
+        ((True, False), 'channel 2 alone'),
+    ],
+)
+def test_opened_contact_is_a_stop_at_once_and_ends_after_the_debounce(
+    first: Any, words: str
+) -> None:
+    box = open_box()
+    box.set(*first)
+    assert box.session.verdict.estop
+    assert box.session.verdict.own_estop
+    assert words in reason(box)
+    box.set(*RELEASED, wait=0.9 * DEBOUNCE)
+    assert 'was released just now' in reason(box)
+    box.run(0.2 * DEBOUNCE)
+    assert not box.session.estop
+
+
+def test_bounce_of_a_release_begins_the_debounce_anew() -> None:
+    box = open_box()
+    box.set(*PRESSED)
+    for _ in range(5):
+        box.set(*RELEASED, wait=0.9 * DEBOUNCE)
+        box.set(*HALF)
+        assert box.session.estop
+    box.set(*RELEASED, wait=1.1 * DEBOUNCE)
+    assert not box.session.estop
+
+
+@pytest.mark.parametrize(
+    ('released', 'pressed', 'cut'),
+    [
+        ((True, True), (False, False), (True, False)),
+        ((True, False), (False, True), (False, False)),
+    ],
+)
+def test_discrepancy_for_too_long_stays_until_both_were_pressed(
+    released: Any, pressed: Any, cut: Any
+) -> None:
+    box = open_box(estop_kind='antivalent' if released[1] is False else 'equivalent')
+    box.set(*cut, wait=DISCREPANCY + 0.01)
+    box.set(*released, wait=1.0)
+    assert 'press and release' in reason(box)
+    box.close()
+    box.open()
+    box.run(1.0)  # a cable that is plugged in again ends no fault
+    assert 'press and release' in reason(box)
+    box.set(*pressed)
+    box.set(*released, wait=1.1 * DEBOUNCE)
+    assert not box.session.estop
+
+
+@pytest.mark.parametrize(('held', 'stays'), [(0.9, False), (1.0, True)])
+def test_discrepancy_counts_from_its_limit_on(held: float, stays: bool) -> None:
+    box = open_box()
+    box.set(*HALF, wait=held * DISCREPANCY)
+    box.set(*RELEASED, wait=1.1 * DEBOUNCE)
+    assert box.session.estop is stays
+
+
+def test_channels_that_change_sides_disagree_all_along() -> None:
+    box = open_box()
+    box.set(*HALF, wait=0.6 * DISCREPANCY)
+    box.set(True, False, wait=0.6 * DISCREPANCY)
+    assert 'press and release' in reason(box)
+
+
+def test_unread_inputs_are_a_stop_by_the_age_of_the_question() -> None:
+    box = open_box(reset_line=2)
+    box.late = 0.04  # of answers
+    box.run(0.3)
+    assert not box.session.estop
+    (asked, _) = box.sent[-1]
+    assert box.session.as_of(box.now) <= asked
+    box.mute = True
+    heard = box.session.as_of(box.now)
+    events = box.run(TIMEOUT + 0.1)
+    assert box.session.estop
+    assert not box.session.link_up
+    assert Panel() in events  # an old button presses nothing
+    assert 'inputs were last heard' in reason(box)
+    assert box.now - heard >= TIMEOUT
+
+
+def test_answer_later_than_its_time_is_not_believed() -> None:
+    box = open_box()
+    box.late = 0.06
+    box.run(1.0)
+    assert not box.session.link_up
+    assert box.session.values(box.now)['answers that nobody asked for'] > 3
+
+
+def test_edge_does_not_refresh_the_link() -> None:
+    box = open_box()
+    box.mute = True
+    for _ in range(10):
+        box.set(*RELEASED, wait=0.03)
+    assert not box.session.link_up
+
+
+def test_late_answer_without_a_number_is_not_that_of_the_next_question() -> None:
+    turns = Turns(0.05, 0.002, numbered=False)
+    turns.asked(Question(1, True, 10.0))
+    assert turns.answered(0, 10.04, reads=False) is None  # of another kind
+    assert turns.answered(0, 10.05, reads=True) is None  # too late
+    assert turns.free_at == 10.1  # and the line stays silent for as long again
+    turns.asked(Question(2, True, 10.1))
+    question = turns.answered(0, 10.12, reads=True)
+    assert question == Question(2, True, 10.1)
+    assert turns.free_at == pytest.approx(10.122)
+    assert (turns.lost, turns.unexpected) == (1, 2)
+
+
+def test_answer_with_the_number_of_another_question_is_none() -> None:
+    turns = Turns(0.05, 0.0, numbered=True)
+    turns.asked(Question(7, True, 10.0))
+    assert turns.answered(6, 10.01, reads=True) is None
+    assert turns.answered(7, 10.01, reads=True) == Question(7, True, 10.0)
+    assert turns.answered(7, 10.01, reads=True) is None
+
+
+@pytest.mark.parametrize(
+    ('keys', 'speed', 'told'),
+    [
+        ((False, False), 0.2, False),
+        ((True, False), 0.5, False),
+        ((False, True), 1.0, False),
+        ((True, True), 0.2, True),
+    ],
+)
+def test_key_switch_is_a_speed(keys: Any, speed: float, told: bool) -> None:
+    box = open_box(keys=(2, 3), speeds=(0.2, 0.5, 1.0))
+    box.set(*RELEASED, *keys, wait=0.05)
+    assert box.session._panel == Panel(None, speed)
+    problems = [text for level, text in box.session.problems(box.now) if level is Level.ERROR]
+    assert any('two positions are on' in text for text in problems) is told
+
+
+def test_reset_button_is_told_with_each_change() -> None:
+    box = open_box(reset_line=2)
+    assert box.set(*RELEASED, True) == [Panel(True)]
+    assert box.run(0.5) == []
+    assert box.set(*RELEASED, False) == [Panel(False)]
+
+
+@pytest.mark.parametrize(
+    ('state', 'on'),
+    [
+        ('STOPPED', (1, 0, 0, 0)),
+        ('STOPPING', (1, 0, 0, 0)),
+        ('READY', (0, 1, 0, 0)),
+        ('ACTIVE', (0, 0, 1, 1)),
+        ('?', (0, 0, 0, 0)),
+    ],
+)
+def test_outputs_show_the_state_until_it_is_old(state: str, on: tuple[int, ...]) -> None:
+    box = open_box(outputs=OUTPUTS)
+    asked = box.now
+    box.session.set_state(state, box.now)
+    box.run(0.04)
+    assert box.orders[-1][1] == tuple(map(bool, on))
+    assert box.orders[-1][0] <= asked + 0.001
+    box.run(STATE_TIMEOUT)
+    assert box.orders[-1][1] == (False,) * 4
+    assert any('all outputs are off' in text for _, text in box.session.problems(box.now))
+
+
+def test_horn_sounds_once_and_outputs_are_repeated() -> None:
+    box = open_box(outputs=OUTPUTS, horn_time=0.3)
+    for _ in range(20):
+        box.session.set_state('ACTIVE', box.now)
+        box.run(0.05)
+    horn = [at for at, values in box.orders if values[3]]
+    assert max(horn) - min(horn) < 0.3
+    gaps = [b - a for (a, _), (b, _) in zip(box.orders, box.orders[1:], strict=False)]
+    assert max(gaps) < 0.25
+
+
+def test_farewell_sets_all_outputs_off_and_there_is_none_without() -> None:
+    box = open_box(outputs=OUTPUTS)
+    box.session.set_state('READY', box.now)
+    box.run(0.1)
+    (frame,) = box.session.farewell(box.now)
+    box._answer(frame)
+    assert box.orders[-1][1] == (False,) * 4
+    assert open_box().session.farewell(100.0) == []
+
+
+def modbus(**changes: Any) -> Any:
+    session = make_session(values_of(PARAMETERS, **changes))
+    _, (frame,) = session.opened(10.0)
+    session.sent(frame, 10.0)
+    return session
+
+
+def test_box_that_refuses_to_read_is_a_stop_with_its_code() -> None:
+    session = modbus()
+    session.receive(rtu(0x82, 2), 10.01)
+    assert session.estop
+    assert session.stop_reasons(10.02) == [
+        'check lines and unit: the box refuses to read its inputs (exception 2)'
+    ]
+
+
+def test_box_that_refuses_to_write_is_told_and_read_all_the_same() -> None:
+    session = modbus(outputs=['red'])
+    now = 10.0
+    for _ in range(60):
+        now = max(now, session.deadline())
+        for frame in session.poll(now)[1]:
+            session.sent(frame, now)
+            session.receive(inputs(*RELEASED) if frame[1] == 2 else rtu(0x8F, 4), now)
+    assert not session.estop
+    assert (Level.ERROR, 'check output_lines: the box refuses to set them (exception 4)') in (
+        session.problems(now)
+    )
+
+
+def test_fewer_inputs_than_asked_for_are_no_answer() -> None:
+    session = modbus(estop_lines=[0, 8])
+    session.receive(inputs(*[True] * 8), 10.01)
+    assert not session.link_up
+
+
+@pytest.mark.parametrize('baud', [1200, 115200])
+def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
+    session = modbus(outputs=['red'], baud=baud, answer_time=0.06, link_timeout=0.5)
+    kinds, now = '', 10.0
+    session.receive(inputs(*RELEASED), now)
+    while len(kinds) < 40:
+        now = max(now, session.deadline())
+        for frame in session.poll(now)[1]:
+            session.sent(frame, now)
+            kinds += 'R' if frame[1] == 2 else 'W'
+            now += 0.05
+            session.receive(inputs(*RELEASED) if frame[1] == 2 else rtu(15, 0, 0, 0, 1), now)
+        session.set_state('READY' if len(kinds) % 2 else 'STOPPED', now)
+    assert 'RRR' not in kinds
+    assert 'WW' not in kinds
+
+
+@pytest.mark.parametrize(
+    ('changes', 'text'),
+    [
+        ({'estop_lines': [0]}, 'two are needed'),
+        ({'estop_names': ['']}, 'two are needed'),
+        ({'estop_lines': [1, 1]}, 'stands there twice'),
+        ({'estop_names': ['a', 'a'], 'estop_lines': [0, 1, 2, 3]}, 'stands there twice'),
+        ({'reset_line': 0}, 'stands there twice'),
+        ({'key_lines': [4, 5]}, 'key_speeds: 3 are needed'),
+        ({'outputs': ['red', 'green']}, 'one is needed for each'),
+        ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
+        ({'outputs': ['red'], 'transport': 'gpio'}, 'stands there twice'),
+        ({'link_timeout': 0.1}, 'four times answer_time'),
+        ({'poll_rate': 10.0}, 'three periods'),
+        ({'estop_lines': [0, 2000]}, 'within 2000'),
+    ],
+)
+def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Settings.from_parameters(values_of(PARAMETERS, **changes))
