@@ -7,17 +7,18 @@ from pathlib import Path
 import sys
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
+from assurance import case  # noqa: E402
 from rugged_teleop import messages  # noqa: E402
-from rugged_teleop.doctor import catalogue  # noqa: E402
+from rugged_teleop.doctor import findings  # noqa: E402
 
 # Headings, and patterns of the pages below them. A page stands where it matches first.
 NAVIGATION = {
-    'Start': ('docs/start/*.md', 'docs/bringup.md', 'docs/migration.md'),
+    'Start': ('docs/start/*.md', 'docs/bringup.md', 'docs/commissioning.md', 'docs/migration.md'),
     'Concepts': ('docs/concepts.md', 'docs/common.md', 'docs/can.md'),
-    'Devices': ('docs/devices/README.md', 'docs/devices/*.md', 'docs/sixth_device.md'),
+    'Devices': ('docs/devices/*.md', 'docs/sixth_device.md'),
     'Safety mux': ('docs/safety_mux.md', 'docs/mux_recipes.md', 'docs/inhibits.md'),
     'When it does not work': ('docs/doctor.md', 'docs/messages.md'),
     'Tools': (
@@ -27,11 +28,23 @@ NAVIGATION = {
         'docs/decode.md',
         'docs/ssc_config.md',
     ),
-    'Recipes': ('docs/recipes.md', 'docs/recipes/*.md'),
-    'Safety and security': ('docs/safety.md', 'docs/security.md', 'docs/assurance.md'),
+    'Recipes': ('docs/recipes.md', 'docs/works_with.md'),
+    'Safety and security': (
+        'docs/safety.md',
+        'docs/old_news.md',
+        'docs/security.md',
+        'docs/assurance.md',
+        'docs/case.md',
+    ),
     'Performance': ('docs/performance.md',),
     'Decisions': ('docs/decisions/*.md',),
-    'Contributing': ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'CHANGELOG.rst'),
+    'Contributing': (
+        'CONTRIBUTING.md',
+        'CODE_OF_CONDUCT.md',
+        'SECURITY.md',
+        'QUALITY_DECLARATION.md',
+        'CHANGELOG.rst',
+    ),
 }
 
 project = 'rugged_teleop'
@@ -44,7 +57,7 @@ smartquotes = False  # what is quoted is searched for, and commands are copied
 html_theme = 'furo'
 html_title = project
 html_show_copyright = False
-html_extra_path = ['index.html']
+html_extra_path = ['docs/index.html']
 
 
 def contents() -> dict[str, list[str]]:
@@ -71,7 +84,13 @@ def _add_messages(_: Any, page: str, source: list[str]) -> None:
     """Add what nodes and doctor may say, which in the repository stands on their pages alone."""
     if page == 'docs/messages':
         source[0] += f'\n{messages.catalogue()}\n## doctor\n\nFrom [doctor.md](doctor.md).\n\n'
-        source[0] += catalogue.markdown_table()
+        source[0] += findings.markdown_table()
+
+
+def _add_case(_: Any, page: str, source: list[str]) -> None:
+    """Add each claim with its evidence, which in the repository are in files."""
+    if page == 'docs/case':
+        source[0] += '\n' + case.markdown(case.read(), case.results())
 
 
 def _leave_folders(app: Any, tree: Any) -> None:
@@ -86,4 +105,5 @@ def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect('source-read', _add_contents)
     app.connect('source-read', _add_messages)
+    app.connect('source-read', _add_case)
     app.connect('doctree-read', _leave_folders)
