@@ -46,9 +46,19 @@ class Beside:
     """Devices of a stage, and what somebody asks of them all the time."""
 
     DEFAULTS: Final[dict[str, dict[str, float]]] = {  # of what a busy machine may make late
-        SSC: {'command_timeout': 0.25, 'link_timeout': 0.25},
-        MONITOR: {'command_timeout': 0.15, 'estop_in_timeout': 0.25, 'link_timeout': 0.3},
-        MUX: {'estop.ssc.timeout': 0.25, 'estop.akron.timeout': 0.25},
+        SSC: {'command_timeout': 0.25, 'link_timeout': 0.25, 'age_limit': 0.25},
+        MONITOR: {
+            'command_timeout': 0.15,
+            'estop_in_timeout': 0.25,
+            'link_timeout': 0.3,
+            'age_limit': 0.25,
+        },
+        MUX: {
+            'estop.ssc.timeout': 0.25,
+            'estop.akron.timeout': 0.25,
+            'estop.ssc.age_limit': 0.25,
+            'estop.akron.age_limit': 0.25,
+        },
     }
 
     def __init__(self, stage: Stage, folder: Path) -> None:

@@ -16,8 +16,11 @@ the simulators.
   GAP.
 - wire: the process that owns the wire ends or stands still. The node's ``~/estop`` is true within
   TOLD, with the reason, and in the end one process owns it.
-- quiet: nothing is harmed that motion needs. No packet is later than GAP, a stop is carried out
-  in HUNG.
+- quiet: nothing is harmed that motion needs. Nothing stops by itself, no packet is later than
+  GAP, and a stop is carried out in HUNG. On a lossy link it is a stop of 5 ms, in OLD.
+- old: what comes over a link grows old, from the remote to the mux or from there to the drive.
+  The drive is told to stop within OLD of when the link's delay is beyond ``age_limit``; neither
+  reset nor deadman move anything before it is young again.
 
 After each, nothing moves until a reset and the deadman, and then it does.
 """
@@ -45,14 +48,20 @@ from assurance import held_lock, random_campaign
 from assurance.benchmarks.chain import Variant
 from assurance.benchmarks.rig import family, running, UnavailableError, use_own_domain, wires_of
 from assurance.subjects import Sent, Subject, SUBJECTS, Terminal, TIMEOUT
+from stage.devices import MUX, VSC
+from stage.network import Network
+from stage.relay import Relay, remapped
 from stage.rig import Observer
 from stage.run_delay import RunDelay
 
 DEAD, HUNG, GAP, TOLD = 0.02, TIMEOUT + 0.01, 0.02, 0.1  # s
+LIMIT = 0.25  # s; age_limit as delivered
+OLD = LIMIT + 0.05
 _COUNT = 20
 _BLOCK = 0.1  # s for which the middleware blocks at a time
 _AFTER = 0.7  # s for which it is watched that nothing moves by itself
 _LAST = 5  # packets that are shown
+_OLDEST = 2.0  # s
 _TIMES = re.compile(r'[\d.]+ (ms|s)\b')  # they differ each time
 
 
@@ -67,6 +76,7 @@ class Trial:
     held: bool = False
     stopped: float | None = None  # first packet that says stop
     last: str = ''  # the last packets before the node came back, S a stop, m motion
+    early: int = 0  # packets that say stop before it was asked for
     moved: int = 0  # packets that say motion, from the first stop until motion was permitted
     gap: float = 0.0  # the longest between two packets during the fault
     told: float | None = None  # the node's ~/estop
@@ -84,7 +94,8 @@ class Fault:
     """
     :param kind: what is expected; see above. :param lasts: s until it is undone.
     :param variant: another way to start the node of this name.
-    :param within: s in which a node that is hung has to be stopped.
+    :param within: s in which a node that is hung, or a link that is old, has to be stopped.
+    :param network: of the link on which ``link`` speaks, a node.
     """
 
     name: str
@@ -94,6 +105,8 @@ class Fault:
     lasts: float = 1.0
     variant: Callable[[str], Variant | None] = lambda name: None
     within: float = HUNG
+    network: Network | None = None
+    link: str = ''
 
 
 def signalled(number: signal.Signals) -> Callable[[Subject], None]:
@@ -124,6 +137,30 @@ def _loud(name: str) -> Variant:
     return Variant(f'{name}.node', ('--log-level', 'rcl:=debug'))
 
 
+def links() -> Iterator[Fault]:
+    """Return what may be wrong with a link: name, network, and when it exceeds LIMIT, in s."""
+    bloat = Network(rate=4e6, queue=1_000_000, other=4.5e6)
+    growing = (
+        ('delayed', Network(delay=1.0), 0.0),
+        ('creeping', Network(creep=0.5, most=_OLDEST), LIMIT / 0.5),
+        ('bufferbloat', bloat, LIMIT * bloat.rate / (bloat.other - bloat.rate)),
+    )
+    for name, link in (('remote', VSC), ('mux', MUX)):
+        for what, network, exceeds in growing:
+            within = exceeds + OLD
+            rest: dict[str, Any] = {'lasts': within + 0.5, 'within': within, 'link': link}
+            yield Fault(f'{what} {name}', 'old', _nothing, network=network, **rest)
+        lossy = Network(loss=0.05)
+        yield Fault(
+            f'lossy {name}', 'quiet', _nothing, _nothing, 5.0, within=OLD, network=lossy, link=link
+        )
+
+
+def _nothing(subject: Subject) -> None:
+    """Do it when the stage is at hand; see ``stage_of``."""
+    del subject
+
+
 FAULTS = (
     Fault('SIGKILL', 'dead', signalled(signal.SIGKILL)),
     Fault('SIGSEGV', 'dead', signalled(signal.SIGSEGV)),
@@ -147,12 +184,13 @@ FAULTS = (
     Fault(
         'Ctrl-S',
         'quiet',
-        lambda subject: None,  # with the terminal at hand; see stage_of
+        _nothing,  # with the terminal at hand
         lasts=2.0,
         variant=_loud,
     ),
     Fault('wire SIGKILL', 'wire', wire_signalled(signal.SIGKILL), lasts=2.0),
     Fault('wire SIGSTOP', 'wire', wire_signalled(signal.SIGSTOP), wire_resumed, lasts=2.0),
+    *links(),
 )
 
 
@@ -176,8 +214,12 @@ def harm(subject: Subject, fault: Fault) -> Trial:
     if fault.kind == 'quiet':
         subject.pause(fault.lasts)
         stop_at = time.monotonic()
-        subject.ask_stop()
+        trial.early = sum(packet.is_stop for packet in subject.sent(begin))
+        subject.ask_stop(brief=fault.network is not None)
         subject.pause(0.5)
+    elif fault.kind == 'old':
+        subject.pause(fault.lasts)
+        subject.try_to_move()
     else:
         subject.pause(min(fault.lasts, 0.3))
         subject.stop()
@@ -245,13 +287,14 @@ def lives(pid: int) -> bool:
 
 def holds(trial: Trial, fault: Fault, period: float) -> bool:
     """Tell whether this is what the kind of fault expects; packets are due each period (s)."""
-    rests = trial.back and trial.stopped is not None and not trial.moved
+    rests = trial.back and trial.stopped is not None and not (trial.moved or trial.early)
     if fault.kind == 'dead':
         is_last = 'm' not in trial.last[-1:]
         return rests and within(trial.stopped, DEAD) and is_last and not trial.left
     if fault.kind == 'wire':
         return rests and within(trial.told, TOLD) and not trial.left
-    return rests and within(trial.stopped, fault.within) and trial.gap <= period + GAP
+    paced = fault.network is not None or trial.gap <= period + GAP
+    return rests and within(trial.stopped, fault.within) and paced
 
 
 def within(seconds: float | None, limit: float) -> bool:
@@ -269,27 +312,39 @@ def stage_of(subject: str, fault: Fault) -> Iterator[tuple[Subject, Fault]]:
         observer = exits.enter_context(Observer('campaign'))
         kind = SUBJECTS[subject]
         variant = fault.variant(kind.name)
+        variants = {kind.name: variant} if variant else {}
         if variant and fault.name == 'Ctrl-S':
             terminal = exits.enter_context(Terminal())
-            variant = variant._replace(terminal=terminal.its)
+            variants = {kind.name: variant._replace(terminal=terminal.its)}
             shown = _completed(
                 fault,
                 lambda _: terminal.press_ctrl_s(),
                 lambda _: terminal.press_ctrl_q(),
             )
-            yield kind(folder, observer, exits, variant), shown
+            yield kind(folder, observer, exits, variants), shown
         elif fault.name == 'publish blocks':
             reader = exits.enter_context(running('-m', 'assurance.held_lock', 'reader'))
             exits.callback(reader.send_signal, signal.SIGCONT)
-            target = kind(folder, observer, exits, variant)
+            target = kind(folder, observer, exits, variants)
 
             def inject(subject: Subject) -> None:
                 reader.send_signal(signal.SIGSTOP)
                 fault.inject(subject)
 
             yield target, _completed(fault, inject, lambda _: reader.send_signal(signal.SIGCONT))
+        elif fault.network is not None:
+            relay = exits.enter_context(Relay(fault.link))
+            relay.set()
+            variants = {fault.link: Variant(f'{fault.link}.node', tuple(remapped(fault.link)))}
+
+            def calm(subject: Subject) -> None:
+                relay.set()
+                subject.pause(_OLDEST)  # until all that was sent before has come
+
+            target = kind(folder, observer, exits, variants)
+            yield target, _completed(fault, lambda _: relay.set(fault.network), calm)
         else:
-            yield kind(folder, observer, exits, variant), fault
+            yield kind(folder, observer, exits, variants), fault
 
 
 def _completed(
@@ -332,6 +387,7 @@ def row(subject: str, fault: Fault, trials: Sequence[Trial]) -> str:
         f'{sum(trial.held for trial in trials)} of {len(trials)}',
         *map(worst, ('stopped', 'gap', 'told', 'mux_told')),
         lasts[0][0] if lasts else '-',
+        str(sum(trial.early for trial in trials)),
         str(sum(trial.moved for trial in trials)),
         str(sum(trial.left for trial in trials)),
         worst('waited'),
@@ -341,8 +397,8 @@ def row(subject: str, fault: Fault, trials: Sequence[Trial]) -> str:
 
 HEAD = (
     '| fault | kind | held | stop out (ms) | gap (ms) | node says stop (ms) | mux says stop (ms) '
-    '| last packets | moved by itself | processes left '
-    '| waited for a processor (ms) |\n|' + ' --- |' * 11
+    '| last packets | stopped unasked | moved by itself | processes left '
+    '| waited for a processor (ms) |\n|' + ' --- |' * 12
 )
 
 
@@ -383,7 +439,7 @@ def main() -> None:
             for subject in SUBJECTS:
                 if given.faults and fault.name not in given.faults:
                     continue
-                if given.subject in (None, subject):
+                if given.subject in (None, subject) and (subject == 'drive' or not fault.link):
                     trials = campaign(subject, fault, given.n)
                     print(row(subject, fault, trials), flush=True)
                     name = f'{subject}: {fault.name}'

@@ -240,7 +240,9 @@ class Memory:
                 contents = []
                 for name in self._names(each):
                     value, length = getattr(each, name), len(key)
-                    old = each.timeout if kind is Watchdog else self._old.get(name, self._old[''])
+                    old = self._old.get(name, self._old[''])
+                    if name == '_last' and isinstance(each, Watchdog):
+                        old = each.timeout
                     if name in self._never and value == -math.inf:
                         value = START - old - shift
                     if name not in self._apart and not callable(value):

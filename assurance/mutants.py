@@ -7,11 +7,12 @@ Mutants of what decides: ``make mutants``, ``python -m assurance.mutants [OPTION
 Each mutant is one small fault in one file: a comparison, an operator or a constant is another one,
 a condition is left out or turned round, a statement or a returned value is missing. It lives in
 the memory of a process of its own, which runs the file's tests until one fails. One that passes
-them all has survived: there is a fault that nobody would notice.
+them all has survived: there is a fault that nobody would notice. ``mutants_excused.py`` says how
+many of a file may, and why.
 
 Results are kept, so that an interrupted run goes on where it was: of those that were killed until
-the package changes, of survivors until its tests do. Exit status: 0 if enough are killed, 1 if
-not, 2 if the tests fail without a mutant.
+the package changes, of survivors until its tests do. Exit status: 1 if more of a file survive than
+may, 2 if the tests fail without a mutant.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ from assurance.mutant_runs import Bench, patience_of, ROOT, run_tests, SURVIVED,
 from assurance.mutants_excused import EXCUSED
 
 RESULTS = ROOT / 'build' / 'mutants.jsonl'
-ENOUGH = 0.95  # of those that are not excused
 
 _MUX = tuple(f'safety_mux_{name}' for name in ('rules', 'motion', 'config', 'feedback', 'chains'))
 _ESI = tuple(f'esi_drive_{name}' for name in ('session', 'apart', 'ramp', 'places'))
@@ -43,14 +43,12 @@ _VSC = tuple(
     f'fort_vsc_{name}' for name in ('stories', 'session', 'echo', 'heard', 'sent', 'held')
 )
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
-_SESSIONS = ('session_quiet', 'session_order', 'session_settings', 'session_reports')
-_AKRON = (
-    *('akron_drive', 'akron_finder', 'akron_session_automatic'),
-    *('akron_session_moments', 'akron_session_drive', 'akron_session_unit'),
-    *('akron_session_joysticks', 'akron_session_finder', 'akron_session_polls'),
-    *('akron_session_report', 'akron_session_loop'),
-    *('akron_session_motion', 'akron_session_pause', 'akron_session_handover'),
-    'akron_session_refused',
+_SESSIONS = tuple(
+    f'session_{name}' for name in ('contract', 'quiet', 'order', 'settings', 'reports')
+)
+_AKRON = tuple(
+    f'akron_session_{name}'
+    for name in ('drive', 'finder', 'joysticks', 'unit', 'polls', 'handover', 'motion')
 )
 _PROCESSES = (
     *('process_link_steps', 'process_link_starts', 'wire_process', 'process_link_exploration'),
@@ -70,17 +68,25 @@ _NAMES_OF_TESTS = {
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),
+    'bridge_core/reasons.py': ('reasons',),
     'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
-    'bridge_core/proof.py': ('proof', 'proof_exploration', 'safety_mux_proofs'),
+    'bridge_core/actuator.py': ('esi_drive_mux', 'ssc_mux', 'akron_mux'),
+    'bridge_core/fingerprint.py': ('commission',),
+    'bridge_core/proof.py': ('proof', 'safety_mux_proofs'),
+    'bridge_core/mux_words.py': ('mux_words',),
+    'bridge_core/cdr.py': ('cdr',),
     'bridge_core/lane.py': ('lane',),
     'bridge_core/rclpy_inner.py': ('rclpy_inner', 'lane'),
     'bridge_core/transports/link.py': ('link', 'mailbox'),
     'bridge_core/transports/active.py': ('wire',),
     'bridge_core/transports/opener.py': ('wire',),
-    'bridge_core/transports/wire.py': ('wire',),
+    'bridge_core/transports/wire.py': ('wire', 'waiting'),
     'bridge_core/supervisor.py': ('supervisor', *_PROCESSES),
     'bridge_core/transports/child.py': _PROCESSES,
+    'bridge_core/transports/forked.py': ('template',),
+    'bridge_core/transports/template.py': ('template',),
+    'bridge_core/transports/started.py': _PROCESSES,
     'bridge_core/transports/process.py': _PROCESSES,
     'bridge_core/transports/wire_process.py': _PROCESSES,
     **{
@@ -90,7 +96,7 @@ _NAMES_OF_TESTS = {
         )
     },
     'safety_mux/intake.py': ('safety_mux_intake',),
-    'safety_mux/proofs.py': ('safety_mux_proofs',),
+    'safety_mux/proofs.py': ('safety_mux_proofs', 'safety_mux_proven_node'),
     **{
         f'safety_mux/{name}.py': (*(f'safety_mux_{n}' for n in ('intake', 'mapping')), *_MUX)
         for name in ('protocol', 'settings')
@@ -99,9 +105,11 @@ _NAMES_OF_TESTS = {
     'safety_mux/feedback.py': ('safety_mux_feedback', 'safety_mux_activation'),
     'safety_mux/limits.py': ('safety_mux_limits', 'safety_mux_motion'),
     'safety_mux/mapping.py': ('safety_mux_mapping',),
+    'safety_mux/soft_ends.py': ('safety_mux_soft_ends',),
     'safety_mux/button.py': ('safety_mux_button',),
     'safety_mux/stamps.py': ('safety_mux_stamps',),
     'safety_mux/device_words.py': ('safety_mux_device_words',),
+    'safety_mux/commissioned.py': ('commission',),
     'esi_drive_bridge/session': (*_ESI, 'session_settings', 'session_reports'),
     'esi_drive_bridge/protocol.py': ('esi_drive_protocol', _ESI[0]),
     'esi_drive_bridge/axes.py': ('esi_drive_convert', 'esi_drive_ramp', *_ESI[:2]),
@@ -109,13 +117,16 @@ _NAMES_OF_TESTS = {
     'akron_can_bridge/convert.py': ('akron_convert',),
     'fort_vsc_bridge/session': (
         *('fort_vsc_device', *_VSC, 'fort_vsc_stops', 'fort_vsc_wires'),
-        *('fort_vsc_hid', 'fort_vsc_can'),
+        *('fort_vsc_hid', 'fort_vsc_can', 'fort_vsc_line_age'),
         *(*_SESSIONS, 'fort_vsc_parameters'),
     ),
     'fort_vsc_bridge/protocol': (
         *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
         *_VSC,
     ),
+    'io_bridge/session': ('io_session', *_SESSIONS, 'io_exploration'),
+    'io_bridge/modbus.py': ('io_modbus',),
+    'io_bridge/protocol.py': ('io_gpio', 'io_session'),
     'ssc_bridge/session': (
         *('ssc_session', 'ssc_session_outputs', 'ssc_session_aux', *_SESSIONS),
     ),
@@ -126,13 +137,22 @@ _NAMES_OF_TESTS = {
     'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
-        *('akron_protocol', 'akron_protocol_errors', 'akron_dbc'),
-        *('akron_session_joysticks', 'akron_session_unit', 'akron_session_automatic'),
+        *('akron_protocol', 'akron_dbc'),
+        *('akron_session_joysticks', 'akron_session_unit', 'akron_session_motion'),
     ),
     'vm110_bridge/session': (
-        *('vm110_serials', 'vm110_stops', 'vm110_commands', *_VM110, *_SESSIONS, 'vm110_report'),
+        *('vm110_serials', 'vm110_lateness', 'vm110_stops', 'vm110_commands', 'vm110_report'),
+        *(*_VM110, *_SESSIONS),
     ),
     'vm110_bridge/protocol': ('vm110_protocol', 'vm110_convert', *_VM110),
+    **{f'rugged_teleop/ledger/{name}.py': ('ledger',) for name in ('book', 'chain')},
+    **{
+        f'rugged_teleop/ledger/{name}.py': ('ledger_witness', 'recorder')
+        for name in ('facts', 'tried', 'witness')
+    },
+    'rugged_teleop/ledger/stopping.py': ('ledger_stopping', 'ledger_witness'),
+    'rugged_teleop/recorder/folder.py': ('recorder',),
+    'rugged_teleop/recorder/reasons.py': ('recorder',),
 }
 
 
@@ -391,19 +411,22 @@ def judge(files: Sequence[str], path: Path, sample: int | None) -> list[Verdict]
         for mutant in left:
             results.note(mutant, *run_tests(mutant.file, tests, mutant.code, limit))
         results.read()
-    return [_verdict(file, found[file], results, sample is None) for file in files]
+    return [verdict_of(file, found[file], results, sample is None) for file in files]
 
 
-def _verdict(file: str, found: Sequence[Mutant], results: Results, whole: bool) -> Verdict:
+def verdict_of(file: str, found: Sequence[Mutant], results: Results, whole: bool) -> Verdict:
     survivors = [mutant for mutant in found if results.outcome(mutant) == SURVIVED]
-    excuses = EXCUSED.get(file, {})
-    excused = [mutant for mutant in survivors if mutant.change in excuses]
-    words = [f'{file}:{m.lines.start}: {m.change}' for m in survivors if m not in excused]
-    if whole:
-        gone = excuses.keys() - {mutant.change for mutant in excused}
-        words += [f'{file}: has no such survivor any more: {change}' for change in gone]
-    count, killed = len(found) - len(excused), len(found) - len(survivors)
-    words.append(f'{file}: {killed} of {count} killed, and {len(excused)} may survive')
+    reasons = EXCUSED.get(file, {})
+    allowed = sum(reasons.values())
+    words = []
+    if len(survivors) > allowed:
+        words = [f'{file}:{each.lines.start}: {each.change}' for each in survivors]
+        words += [f'{file}: {count} may survive: {reason}' for reason, count in reasons.items()]
+    elif whole and len(survivors) < allowed:
+        words = [f'{file}: assurance/mutants_excused.py allows {allowed}: lower it']
+    excused = min(len(survivors), allowed)
+    count, killed = len(found) - excused, len(found) - len(survivors)
+    words.append(f'{file}: {killed} of {count} killed, and {excused} may survive')
     return Verdict(words, killed, count)
 
 
@@ -451,10 +474,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 unfit = True
                 print(error, file=sys.stderr)
     killed, count = (sum(v.killed for v in verdicts), sum(v.of for v in verdicts))
-    print(f'{killed} of {count} killed: {killed / max(count, 1):.1%}, {ENOUGH:.0%} is enough')
-    if unfit:
-        return 2
-    return 0 if killed >= ENOUGH * count else 1
+    print(f'{killed} of {count} killed: {killed / max(count, 1):.1%}')
+    return 2 if unfit else int(killed < count)
 
 
 if __name__ == '__main__':

@@ -18,7 +18,7 @@ while the mux says stop; if that press moves them all; and if no process is left
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 import gc
@@ -42,6 +42,7 @@ from assurance.machine import Machine, Setting
 from assurance.random_devices import Fault, HEARD, SILENT
 from assurance.random_faults import drawn
 from assurance.two_hosts import Cable, TwoHosts
+from rugged_teleop.why.rules import enabled_again
 from stage.devices import CLEAR_ERRORS, DRIVE, MUX, Packet
 from stage.rig import Observer
 from stage.run_delay import RunDelay
@@ -100,7 +101,8 @@ def judge(
     elif disabled is not None:
         trial.let_go = disabled - released
     trial.bound = fault.bound
-    trial.again = _enabled_again(packets, windows)
+    told = ((packet.time, packet.enables) for packet in packets)
+    trial.again = sum(1 for _ in enabled_again(told, windows))
     if trial.again:
         trial.findings.append(f'{trial.again} packets enable after a stop')
     waited = min(trial.waited, _WIDEST)
@@ -108,19 +110,6 @@ def judge(
         trial.findings.append(f'late: {_ms(trial.stopped)}, allowed are {_ms(fault.bound)}')
     if trial.let_go is not None and trial.let_go > HEARD + waited:
         trial.findings.append(f'let go: {_ms(trial.let_go)}, allowed are {_ms(HEARD)}')
-
-
-def _enabled_again(packets: Iterable[Packet], windows: Sequence[float]) -> int:
-    """Count packets that enable, after one that disabled and before the deadman was pressed."""
-    later, count, was_on, is_over = list(windows), 0, True, False
-    for packet in packets:
-        while later and packet.time > later[0]:
-            later.pop(0)
-            was_on = is_over = False
-        is_over |= was_on and not packet.enables
-        was_on |= packet.enables
-        count += is_over and packet.enables
-    return count
 
 
 def moved(sent: dict[str, list[tuple[float, bool]]], begin: float, end: float) -> list[str]:

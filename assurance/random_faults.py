@@ -9,6 +9,7 @@ from collections.abc import Callable
 import contextlib
 import ctypes
 from dataclasses import replace
+import math
 import os
 import random
 import resource
@@ -42,13 +43,17 @@ from assurance.random_devices import (
 )
 from assurance.two_hosts import TwoHosts
 from stage.devices import DRIVE, MUX, UNIT, VSC
+from stage.network import Network
 
 # Bounds of docs/safety.md, in s, beside those of random_devices.
 HUNG = 0.11  # the process at the drive's side
 WIRE = 0.3  # the drive's wire, if it hangs: it gets 0.25 s until the spare takes over
 WIRE_DEAD = 0.1
+AGE_LIMIT = 0.25  # of what comes over a network, as age_limit is delivered
+_NOTICED = 0.05  # until that is noticed, and disables
 # Longer for the patient.
 _TIMEOUTS = (SILENT, HUNG, WIRE, DEAF, UNIT_RADIO, UNIT_SILENT, MONITOR_SILENT)
+_OLDEST = 2.0  # s that a network keeps what it was given
 _DOUBT = 3.2  # s after which the drive node trusts a topic again that had two publishers
 
 _ENDINGS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
@@ -279,7 +284,8 @@ MORE: Final[dict[str, Draw]] = {
     },
     **{f'second publisher: {topic}': _second(topic) for topic in MORE_SECOND},
 }
-CABLE: Final = 'cable between mux and drive node cut'
+_BETWEEN = 'cable between mux and drive node'
+CABLE: Final = f'{_BETWEEN} cut'
 
 
 def _cut(chance: random.Random, setting: Setting) -> Fault:
@@ -291,17 +297,54 @@ def _cut(chance: random.Random, setting: Setting) -> Fault:
         machine.cable.cut()
         return at
 
-    def end(machine: Machine) -> None:
-        assert isinstance(machine, TwoHosts)
-        machine.cable.join()
+    return Fault('', begin, _join, chance.choice([0.05, 0.2, 1.0, 3.0, 8.0]), HUNG)
 
-    return Fault('', begin, end, chance.choice([0.05, 0.2, 1.0, 3.0, 8.0]), HUNG)
+
+def _join(machine: Machine) -> None:
+    assert isinstance(machine, TwoHosts)
+    machine.cable.join()
+
+
+def _network(kind: str) -> Draw:
+    """Have the cable carry what a bad network would; what is delayed there comes in the end."""
+
+    def draw(chance: random.Random, setting: Setting) -> Fault:
+        limit = AGE_LIMIT * setting.patience
+        creep = chance.uniform(0.2, 1.0)
+        network, exceeds = {
+            'delayed': (Network(delay=chance.uniform(0.4, 2.0) * setting.patience), 0.0),
+            'creeping': (Network(creep=creep, most=_OLDEST * setting.patience), limit / creep),
+            'lossy': (Network(loss=chance.uniform(0.0, 0.05)), math.inf),
+            'bufferbloat': (Network(rate=4e6, queue=1_000_000, other=5e6), limit / 0.25),
+        }[kind]
+        bound = None if exceeds == math.inf else exceeds + limit + _NOTICED
+
+        def begin(machine: Machine) -> float:
+            assert isinstance(machine, TwoHosts)
+            return machine.cable.network.set(network)
+
+        def end(machine: Machine) -> None:
+            _join(machine)
+            machine.pause(_OLDEST * setting.patience)
+
+        return Fault('', begin, end, (bound or 1.0) + 1.0, bound, detail=str(network))
+
+    return draw
+
+
+CABLES: Final = {
+    CABLE: _cut,
+    **{
+        f'{_BETWEEN} {kind}': _network(kind)
+        for kind in ('delayed', 'creeping', 'lossy', 'bufferbloat')
+    },
+}
 
 
 def kinds_of(setting: Setting) -> dict[str, Draw]:
     """Return the kinds of faults that there are."""
     more = MORE if setting.all_devices else {}
-    return {**KINDS, **({CABLE: _cut} if setting.two_hosts else {}), **more}
+    return {**KINDS, **(CABLES if setting.two_hosts else {}), **more}
 
 
 def drawn(seed: int, number: int, setting: Setting) -> tuple[Fault, float]:

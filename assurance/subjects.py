@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import contextlib
 import functools
 import os
@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
-from assurance.benchmarks.chain import DRIVE, MUX, Nodes, Variant
+from assurance.benchmarks.chain import DRIVE, MUX, Nodes, STICK, Variant
 from assurance.benchmarks.rig import Rig
 from rugged_teleop.canbuses import frames, free_channel, INTERFACE
 from stage import akron_node_rig, ssc_bench
@@ -30,6 +30,7 @@ from stage.rig import latched, NodeProcess, Observer
 from stage.talkers import Diagnostics
 
 TIMEOUT = 0.1  # s, command_timeout of all three
+BRIEF = 0.005  # s, of a stop that is hardly pressed
 _STICK_ID = 0x0CFDD638  # the monitor's joystick frames
 
 
@@ -40,9 +41,9 @@ class Sent(NamedTuple):
     is_stop: bool
 
 
-def starter(name: str, variant: Variant | None) -> Callable[..., NodeProcess]:
+def starter(name: str, variants: Mapping[str, Variant]) -> Callable[..., NodeProcess]:
     """Return what starts this node, as it is or in another way."""
-    module, arguments, terminal = variant or Variant(f'{name}.node')
+    module, arguments, terminal = variants.get(name, Variant(f'{name}.node'))
     return functools.partial(NodeProcess, module, arguments=arguments, terminal=terminal)
 
 
@@ -91,9 +92,14 @@ class Subject(ABC):
         """Let the machine's own stop come to the node, as a mux would for its ``~/estop``."""
         return
 
-    def ask_stop(self) -> None:
-        """Have somebody press a stop."""
+    def ask_stop(self, *, brief: bool = False) -> None:
+        """Have somebody press a stop. :param brief: for BRIEF."""
+        del brief
         self.stop()
+
+    def try_to_move(self) -> None:
+        """Do all that motion takes, where it must be in vain."""
+        return
 
     def pause(self, seconds: float) -> None:
         """Let so much time pass."""
@@ -126,12 +132,11 @@ class Drive(Subject):
         folder: Path,
         observer: Observer,
         exits: contextlib.ExitStack,
-        variant: Variant | None = None,
+        variants: Mapping[str, Variant],
     ) -> None:
         self.observer = observer
         self.rig = exits.enter_context(Rig(folder))
         self.listen()
-        variants = {DRIVE: variant} if variant else {}
         self.chain = Nodes(self.rig, observer, exits, variants=variants)
 
     @property
@@ -157,8 +162,18 @@ class Drive(Subject):
     def wait(self, condition: Callable[[], Any], what: str, timeout: float = 15.0) -> None:
         self.chain.wait(condition, what, timeout)
 
-    def ask_stop(self) -> None:
+    def ask_stop(self, *, brief: bool = False) -> None:
         self.rig.say('estop 1')
+        if brief:
+            time.sleep(BRIEF)
+            self.rig.say('estop 0')
+
+    def try_to_move(self) -> None:
+        self.chain.let_go()
+        self.pause(0.4)
+        self.chain.try_reset()
+        self.rig.say('deadman 1', f'stick {STICK}')
+        self.pause(0.4)
 
     def mux_says(self) -> str:
         return self.chain.why
@@ -175,11 +190,11 @@ class Servo(Subject):
         folder: Path,
         observer: Observer,
         exits: contextlib.ExitStack,
-        variant: Variant | None = None,
+        variants: Mapping[str, Variant],
     ) -> None:
         self.observer, self._exits = observer, exits
         self._given = {**ssc_bench.SERVOS, 'command_timeout': TIMEOUT}
-        self._start = starter(self.name, variant)
+        self._start = starter(self.name, variants)
         self._bench = ssc_bench.Bench(
             folder, observer, ssc_bench.new_simulator(), self._start, **self._given
         )
@@ -244,10 +259,10 @@ class Monitor(Subject):
         folder: Path,
         observer: Observer,
         exits: contextlib.ExitStack,
-        variant: Variant | None = None,
+        variants: Mapping[str, Variant],
     ) -> None:
         del folder
-        self.observer, self._exits, self._variant = observer, exits, variant
+        self.observer, self._exits, self._variants = observer, exits, variants
         bus = CanBus(INTERFACE, free_channel())
         self._station = akron_node_rig.Station(MonitorSimulator(), bus)
         exits.callback(self._station.close)
@@ -262,7 +277,7 @@ class Monitor(Subject):
         self._bench = akron_node_rig.Bench(observer, self._start())
 
     def _start(self) -> NodeProcess:
-        node = starter(self.name, self._variant)(parameters=self._given)
+        node = starter(self.name, self._variants)(parameters=self._given)
         return self._exits.enter_context(node)
 
     @property

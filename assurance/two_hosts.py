@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The machine on two computers: network namespaces, with a cable between them that can be cut.
+The machine on two computers: network namespaces, and a network between them that may be bad.
 
 VSC bridge, mux and whoever looks on are on one of them, the drive node is on the other. It takes
 the right to make namespaces, which root has.
@@ -13,8 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 import ctypes
+import fcntl
 import os
 from pathlib import Path
+import struct
 import subprocess
 import threading
 from typing import Any
@@ -22,30 +24,34 @@ from typing import Any
 from assurance.benchmarks.rig import UnavailableError
 from assurance.machine import Machine, Setting
 from stage.devices import DRIVE
+from stage.network import NetworkProcess
 from stage.rig import Observer
 
 _CLONE_NEWNET = 0x40000000  # linux/sched.h
+_TUNSETIFF, _TUNSETCARRIER = 0x400454CA, 0x400454E2  # linux/if_tun.h
+_TAP = 0x1002  # IFF_TAP, without a header of its own
 _OURS, _THEIRS = 'cable0', 'cable1'
 
 
 class Cable:
     """
-    A second host, and a cable to it from this one, which is this thread and what it starts.
+    A second host, and a network to it from this one, which is this thread and what it starts.
 
     Both have no other network. Make it before anything of ROS, which looks for networks once.
 
-    :raises UnavailableError: namespaces are not allowed.
+    :raises UnavailableError: namespaces or TAPs are not allowed.
     """
 
     def __init__(self) -> None:
         self._there = ThreadPoolExecutor(1)
         _leave_network()
-        thread = self.there(_leave_network)
+        self.there(_leave_network)
         for name in ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'):
             os.environ.pop(name, None)
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'  # shared memory is no network
-        _ip('link', 'add', _OURS, 'type', 'veth', 'peer', 'name', _THEIRS, 'netns', str(thread))
+        self._taps = [_tap(_OURS), self.there(_tap, _THEIRS)]
+        self.network = NetworkProcess('assurance.cable', *map(str, self._taps), files=self._taps)
         _ip('address', 'add', '10.74.0.1/24', 'dev', _OURS)
         self.there(_ip, 'address', 'add', '10.74.0.2/24', 'dev', _THEIRS)
         self.join()
@@ -56,12 +62,18 @@ class Cable:
 
     def cut(self) -> None:
         """Cut the cable: both ends lose their carrier."""
-        self.there(_ip, 'link', 'set', _THEIRS, 'down')
+        self._carry(False)
 
     def join(self) -> None:
-        """Plug it in."""
+        """Plug it in, and have it sound."""
+        self.network.set()
+        self._carry(True)
         _connect(_OURS)
         self.there(_connect, _THEIRS)
+
+    def _carry(self, is_joined: bool) -> None:
+        for tap in self._taps:
+            fcntl.ioctl(tap, _TUNSETCARRIER, struct.pack('i', is_joined))
 
 
 class TwoHosts(Machine):
@@ -92,6 +104,16 @@ def _leave_network() -> int:
         raise UnavailableError(f'no network namespaces: {os.strerror(ctypes.get_errno())}')
     _connect('lo')
     return threading.get_native_id()
+
+
+def _tap(name: str) -> int:
+    """Return an end of the cable: who reads there has what this thread's network sends."""
+    try:
+        tap = os.open('/dev/net/tun', os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(tap, _TUNSETIFF, struct.pack('16sH22x', name.encode(), _TAP))
+    except OSError as error:
+        raise UnavailableError(f'no TAP: {error}') from error
+    return tap
 
 
 def _connect(name: str) -> None:

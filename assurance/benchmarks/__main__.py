@@ -4,9 +4,9 @@
 """
 ``python -m assurance.benchmarks [--quick] [--check] [GROUP...]``: measure, write or compare.
 
-Groups that are named are measured alone, and replace their rows only; the demo is measured only
-when it is named. ``--check`` measures again and compares ratios with those of the results, writes
-nothing, and exits with status 1 if one got worse by a quarter.
+Groups that are named are measured alone, and replace their rows only. ``--check`` measures again
+and compares ratios with those of the results, writes nothing, and exits with status 1 if one got
+worse by a quarter.
 """
 
 from __future__ import annotations
@@ -24,50 +24,32 @@ import time
 from assurance.benchmarks import (
     bench_beside,
     bench_can,
-    bench_codecs,
-    bench_demo,
     bench_esi,
     bench_garbage,
     bench_memory,
     bench_mux,
-    bench_neighbours,
-    bench_python,
     bench_start,
     reaction,
     results,
 )
-from assurance.benchmarks.rig import Figures, UnavailableError, use_own_domain
+from assurance.benchmarks.rig import Figures, QUICK, Size, UnavailableError, use_own_domain, USUAL
 
-Measure = Callable[[bool], dict[str, Figures]]
-
-
-def pure(measured: Callable[[], dict[str, float]]) -> Measure:
-    """Return a measurement without ROS or ports, with the interpreter's own beside it."""
-
-    def measure(quick: bool) -> dict[str, Figures]:
-        del quick
-        found = bench_python.measure() | measured()
-        return {name: {'best': seconds} for name, seconds in found.items()}
-
-    return measure
+Measure = Callable[[Size], dict[str, Figures]]
 
 
-QUICK: dict[str, Measure] = {
-    'codecs': pure(bench_codecs.measure),
-    'mux': pure(bench_mux.measure),
+SHORT: dict[str, Measure] = {
     'reaction': reaction.measure,
     'esi': bench_esi.measure,
     'start': bench_start.measure,
     'memory': bench_memory.measure,
+    'mux': bench_mux.measure,
 }
-USUAL = QUICK | {
+GROUPS = SHORT | {
     'load': reaction.measure_load,
     'garbage': bench_garbage.measure,
     'beside': bench_beside.measure,
     'can': bench_can.measure,
-    'neighbours': bench_neighbours.measure,
 }
-GROUPS = USUAL | {'demo': bench_demo.measure}
 
 
 def machine() -> dict[str, str]:
@@ -93,14 +75,14 @@ def _version(*distributions: str) -> str:
     return 'unknown'
 
 
-def measure(names: list[str], quick: bool) -> tuple[dict[str, Figures], list[str]]:
+def measure(names: list[str], size: Size) -> tuple[dict[str, Figures], list[str]]:
     """Return what was measured, and the groups that could not be."""
     measured: dict[str, Figures] = {}
     failed = []
     for name in names:
         begin = time.monotonic()
         try:
-            measured |= GROUPS[name](quick)
+            measured |= GROUPS[name](size)
         except UnavailableError as error:
             print(f'{name}: skipped, {error}', file=sys.stderr)
         except Exception as error:  # of one group: the others are worth having
@@ -114,14 +96,16 @@ def measure(names: list[str], quick: bool) -> tuple[dict[str, Figures], list[str
 def main() -> None:
     parser = argparse.ArgumentParser(prog='python -m assurance.benchmarks', description=__doc__)
     parser.add_argument('groups', nargs='*', metavar='GROUP', help=', '.join(GROUPS))
-    parser.add_argument('--quick', action='store_true', help='about 3 minutes, less sure')
+    parser.add_argument('--quick', action='store_true', help='about 5 minutes, less sure')
     parser.add_argument('--check', action='store_true', help='compare, and write nothing')
     given = parser.parse_intermixed_args()
     unknown = [name for name in given.groups if name not in GROUPS]
     if unknown:
         parser.error(f'no group {unknown[0]!r}; there are {", ".join(GROUPS)}')
     use_own_domain()
-    measured, failed = measure(given.groups or list(QUICK if given.quick else USUAL), given.quick)
+    measured, failed = measure(
+        given.groups or list(SHORT if given.quick else GROUPS), QUICK if given.quick else USUAL
+    )
     now, before = results.rows(measured), results.load()
     print(results.table(machine(), now))
     worse = results.worse(before['rows'], now) if given.check else []

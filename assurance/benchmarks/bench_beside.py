@@ -18,7 +18,7 @@ import aiohttp
 
 from assurance.benchmarks.chain import chain_of, Nodes
 from assurance.benchmarks.reaction import react, trials
-from assurance.benchmarks.rig import Cost, Figures, figures, use_own_domain
+from assurance.benchmarks.rig import Cost, Figures, figures, Size, use_own_domain, USUAL
 from stage.page_rig import watch
 from stage.rig import NodeProcess
 
@@ -52,9 +52,9 @@ class Browsers(threading.Thread):
         await watch(session, self._address, take, timeout=3600.0)
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
+def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return per cent of a core in motion, and the reactions (s) beside both and alone."""
-    count, seconds = (15, 4.0) if quick else (60, 15.0)
+    count, seconds = size.fewer, size.seconds
     with contextlib.ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory()))
         chain = exits.enter_context(chain_of('three', folder))

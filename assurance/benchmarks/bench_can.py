@@ -21,7 +21,15 @@ from typing import Any
 
 import can
 
-from assurance.benchmarks.rig import Figures, figures, processor_time, running, use_own_domain
+from assurance.benchmarks.rig import (
+    Figures,
+    figures,
+    running,
+    Size,
+    spent_by,
+    use_own_domain,
+    USUAL,
+)
 from rugged_teleop.canbuses import free_channel, INTERFACE
 
 JOYSTICK = 0x0CFDD638  # the bridge's own, by default
@@ -61,14 +69,14 @@ def observe(bus: can.BusABC, node: int, seconds: float) -> Figures:
     while (message := bus.recv(30.0)) is None or message.arbitration_id != JOYSTICK:
         if message is None:
             raise SystemExit('the bridge sends no joystick frames')
-    slots, others, spent, begin = [message.timestamp], 0, processor_time(node), time.monotonic()
+    slots, others, spent, begin = [message.timestamp], 0, spent_by(node).time, time.monotonic()
     while (elapsed := time.monotonic() - begin) < seconds:
         message = bus.recv(0.1)
         if message is not None and message.arbitration_id == JOYSTICK:
             slots.append(message.timestamp)
         elif message is not None:
             others += 1
-    share = 100.0 * (processor_time(node) - spent) / elapsed
+    share = 100.0 * (spent_by(node).time - spent) / elapsed
     gaps = [after - before for before, after in itertools.pairwise(slots)]
     missed = sum(gap > SLOT + LATE for gap in gaps)
     return {**figures(gaps), 'missed': missed, 'cpu': share, 'others/s': others / elapsed}
@@ -96,11 +104,10 @@ def observations(seconds: float, interface: str, channel: str) -> Iterator[tuple
                 yield title, observe(bus, node.pid, seconds)
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
+def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return what is observed under each load."""
-    seconds = 5.0 if quick else 20.0
     rows: dict[str, Figures] = {}
-    for title, found in observations(seconds, INTERFACE, free_channel()):
+    for title, found in observations(size.seconds, INTERFACE, free_channel()):
         rest = {name: found.pop(name) for name in ('cpu', 'missed', 'others/s')}
         rows |= {f'CAN slots, {title}': found, f'CAN node, {title}': rest}
     return rows

@@ -20,7 +20,7 @@ import tty
 
 from assurance.benchmarks.chain import chain_of
 from assurance.benchmarks.reaction import react, trials
-from assurance.benchmarks.rig import Cost, Figures, figures, running, use_own_domain
+from assurance.benchmarks.rig import Cost, Figures, figures, running, Size, use_own_domain, USUAL
 from stage.rig import NodeProcess
 
 RATE, PERIOD = 1_000_000, 0.005  # bytes/s, s
@@ -49,9 +49,9 @@ def sent(pid: int) -> int:
     return int(next(line for line in text.splitlines() if line.startswith('wchar')).split()[1])
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
+def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return the flooded node's per cent of a core, and the reactions (s) beside it and alone."""
-    count, seconds = (15, 4.0) if quick else (60, 15.0)
+    count, seconds = size.fewer, size.seconds
     with contextlib.ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory()))
         port = folder / 'noise'
@@ -70,7 +70,7 @@ def measure(quick: bool = False) -> dict[str, Figures]:
         )
         chain.rest(seconds)
         rate = (sent(noise.pid) - before) / (time.monotonic() - begin)
-        found = {'flooded node': {'cpu': cost.shares()['flooded'], 'MB/s': rate / 1e6}}
+        found = {'flooded node': {**cost.figures(), 'MB/s': rate / 1e6}}
         times, lost = trials(chain, 'estop', count)
         found['three estop, beside noise'] = {**figures(times), 'lost': lost}
     found['three estop, without noise'] = react('three', count).figures()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Memory of nodes and of processes that own a wire, and what six nodes in one process take.
+Memory of nodes and of processes that own a wire, and what six nodes in one process cost.
 
 The six are the stack of config/demo.yaml on simulators in this process, READY and with nobody in
 control.
@@ -14,19 +14,30 @@ from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 import tempfile
+import time
 
 from akron_can_bridge.simulator import Simulator as MonitorSimulator
 from assurance.benchmarks.bench_start import BARE
-from assurance.benchmarks.rig import Cost, Figures, resident, Rig, title, use_own_domain, wires_of
+from assurance.benchmarks.rig import (
+    Cost,
+    Figures,
+    proportional,
+    resident,
+    Rig,
+    Size,
+    use_own_domain,
+    USUAL,
+    wires_of,
+)
 from rugged_teleop.canbuses import CanBusDevice, free_channel
 from rugged_teleop.multicasts import free_port, MulticastDevice
 from ssc_bridge.simulator import Simulator as SscSimulator
 from stage.devices import Device, DRIVE, MONITOR, SSC, Stage, UNIT, VSC
-from stage.rig import NodeProcess, Observer, ROOT
+from stage.rig import NodeProcess, Observer, ROOT, wait_for
 from vm110_bridge.simulator import Simulator as UnitSimulator
 
 _SETTLE = 3.0  # s
-_TRANSMITTER = ('channel 1 1000', 'channel 4 1000')  # its switch where SERIAL is; its deadman
+TRANSMITTER = ('channel 1 1000', 'channel 4 1000')  # its switch where SERIAL is; its deadman
 
 
 @contextlib.contextmanager
@@ -36,7 +47,7 @@ def six(folder: Path, observer: Observer) -> Iterator[Stage]:
         unit = stage.add(MulticastDevice(UnitSimulator(), free_port()))
         monitor = stage.add(CanBusDevice(MonitorSimulator(), free_channel()))
         servo = stage.add(Device(folder / 'ssc', SscSimulator()))
-        servo.apply(*_TRANSMITTER)
+        servo.apply(*TRANSMITTER)
         parameters = {
             f'{VSC}:port': stage.vsc.path,
             f'{DRIVE}:port': stage.drive.path,
@@ -52,27 +63,38 @@ def six(folder: Path, observer: Observer) -> Iterator[Stage]:
         yield stage
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
-    """Return MB, and per cent of a core."""
-    seconds = 5.0 if quick else 15.0
+def largest(pid: int) -> Figures:
+    """Return the MB of a node's largest wire process; it shares most of them."""
+    wire = max(wires_of(pid), key=resident)
+    return {'MB': resident(wire), 'PSS': proportional(wire)}
+
+
+def on_can() -> Figures:
+    """Return the MB of a wire on an interface of the kernel; it need not be there."""
+    with NodeProcess(f'{MONITOR}.node', {'channel': 'none'}) as node:
+        wait_for(lambda: wires_of(node.process.pid), 20.0, 'a wire')
+        time.sleep(_SETTLE)
+        return largest(node.process.pid)
+
+
+def measure(size: Size = USUAL) -> dict[str, Figures]:
+    """Return MB, and what six nodes cost."""
     with contextlib.ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory()))
         observer = exits.enter_context(Observer('memory'))
         with six(folder, observer) as stage:
+            observer.holds_for(lambda: True, _SETTLE)  # each wire gets its spare
             cost = Cost({'six': stage.nodes['six'].process.pid})
-            observer.holds_for(lambda: True, seconds)
-            memory = cost.memory()['six']
-            wires = {title(pid): resident(pid) for pid in wires_of(stage.nodes['six'].process.pid)}
-            found = {'six': {'cpu': cost.shares()['six']}, 'six memory': {'MB': memory}}
+            observer.holds_for(lambda: True, size.seconds)
+            print(cost.threads(), flush=True)
+            found = {'six': cost.figures()}
         rig = exits.enter_context(Rig(folder))
         ours = exits.enter_context(NodeProcess('esi_drive_bridge.node', {'port': rig.drive}))
         bare = exits.enter_context(NodeProcess(source=BARE))
         observer.holds_for(lambda: True, _SETTLE)
+        found |= {'wire process': largest(ours.process.pid), 'wire process on CAN': on_can()}
         found['one node'] = {'MB': resident(ours.process.pid)}
         found['bare node'] = {'MB': resident(bare.process.pid)}
-        on_can = [wires.pop(name) for name in [*wires] if name.startswith(MONITOR)]
-        found['wire process'] = {'MB': max(wires.values())}
-        found['wire process on CAN'] = {'MB': max(on_can)}
     return found
 
 

@@ -1,103 +1,103 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What one decision of the mux costs, driving and stopped, without ROS or ports."""
+"""
+What each e-stop source and operator costs a running mux.
 
-from collections.abc import Callable
-from time import perf_counter
+``python -m assurance.benchmarks.bench_mux [N]``. All sources talk at 20 Hz and all sticks at
+50 Hz, each by a publisher of its own, so that each message wakes the mux by itself.
+"""
 
-from safety_mux.arbiter import Arbiter
-from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import OperatorSample, State
-from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
+from __future__ import annotations
 
-PERIOD = 0.01  # s between decisions; messages come at a fifth of that rate
-DECISIONS = 5
-ROUNDS = 100
-REPEATS = 30
+import contextlib
+import itertools
+import sys
+import time
 
+from assurance.benchmarks.rig import Cost, Figures, running, Size, use_own_domain, USUAL
+from stage.rig import NodeProcess
 
-class Machine:
-    """An arbiter and all its inputs, of which the highest operator will drive."""
-
-    def __init__(self, *, joints: int, operators: int, sources: int) -> None:
-        config = MuxConfig(
-            joints=joints,
-            sources=tuple(EStopSource(f'source{n}') for n in range(sources)),
-            operators=tuple(Operator(f'operator{n}', n) for n in range(operators)),
-            autonomy=Autonomy(),
-        )
-        limiter = JointLimiter([JointLimit(10.0, 20.0, 40.0)] * joints)
-        self.arbiter = Arbiter(config, limiter, 0.0)
-        self.now = 0.0
-        self.zero = (0.0,) * joints
-        self.samples = {
-            operator.name: OperatorSample(True, False, self.zero) for operator in config.operators
-        }
-
-    def hear(self) -> None:
-        for source in self.arbiter.config.sources:
-            self.arbiter.estop_message(source.name, False, self.now)
-        for name, sample in self.samples.items():
-            self.arbiter.operator_sample(name, sample, self.now)
-        self.arbiter.autonomy_command(self.zero, self.now)
-
-    def decide(self) -> None:
-        for _ in range(DECISIONS):
-            self.now += PERIOD
-            self.arbiter.tick(self.now)
-
-    def run(self) -> None:
-        for _ in range(20):
-            self.hear()
-            self.decide()
-
-    def drive(self) -> None:
-        self.run()
-        assert self.arbiter.reset(self.now).ok
-        self.run()
-        highest = max(self.arbiter.config.operators, key=lambda operator: operator.priority)
-        self.samples[highest.name] = OperatorSample(False, True, (5.0,) * len(self.zero))
-        self.run()
-        assert self.arbiter.tick(self.now).state is State.ACTIVE
+SIZES = (1, 4, 16)
+_ESTOP, _STICKS = 0.05, 0.02  # s
+_SETTLE = 3.0  # s
 
 
-def best(timed: Callable[[], None], before: Callable[[], None]) -> float:
-    """Return the seconds of one call, each after one of ``before``: the best mean of some."""
-    least = float('inf')
-    for _ in range(REPEATS):
-        spent = 0.0
-        for _ in range(ROUNDS):
-            before()
-            start = perf_counter()
-            timed()
-            spent += perf_counter() - start
-        least = min(least, spent / ROUNDS)
-    return least
+def talk(count: int) -> None:
+    """Publish stops that are clear and sticks that are neutral, until it is ended."""
+    import rclpy
+    from sensor_msgs.msg import Joy
+    from std_msgs.msg import Bool
+
+    rclpy.init()
+    node = rclpy.create_node('talkers')
+    said = []  # period, publisher, message
+    for n in range(count):
+        said.append((_ESTOP, node.create_publisher(Bool, f'estop{n}', 1), Bool()))
+        joy = Joy(axes=[0.0] * 6, buttons=[0] * 8)
+        said.append((_STICKS, node.create_publisher(Joy, f'joy{n}', 1), joy))
+    begin = time.monotonic()
+    due = [begin + period * n / len(said) for n, (period, *_) in enumerate(said)]
+    while rclpy.ok():
+        n = due.index(min(due))
+        time.sleep(max(0.0, due[n] - time.monotonic()))
+        period, publisher, message = said[n]
+        publisher.publish(message)
+        due[n] += period
 
 
-def measure() -> dict[str, float]:
-    """Return the seconds of each, by its name."""
-    found: dict[str, float] = {}
-    for joints, operators, sources in ((2, 1, 1), (16, 8, 16)):
-        machine = Machine(joints=joints, operators=operators, sources=sources)
-        size = f'{joints} joints, {operators} operators, {sources} e-stop sources'
-        nothing_heard = best(machine.decide, lambda: None)
-        machine.drive()
-        driving = best(machine.decide, machine.hear)
-        heard = best(machine.hear, machine.decide)
+def parameters(count: int) -> dict[str, object]:
+    """Return those of a mux with so many sources and operators."""
+    names = [f'each{n}' for n in range(count)]
+    found: dict[str, object] = {
+        'estop_sources': names,
+        'operators': names,
+        'drive_enabled_topic': '',
+    }
+    for n, name in enumerate(names):
         found |= {
-            f'mux decision, driving, {size}': driving / DECISIONS,
-            f'mux decision, stopped and nothing heard, {size}': nothing_heard / DECISIONS,
-            f'mux, a message of each input, {size}': heard,
+            f'estop.{name}.topic': f'estop{n}',
+            f'operator.{name}.topic': f'joy{n}',
+            f'operator.{name}.priority': n,
+            f'operator.{name}.axis': [1, 0],
+            f'operator.{name}.mixing': 'arcade',
+            f'operator.{name}.deadman_buttons': [0],
         }
     return found
 
 
+def cost(count: int, seconds: float) -> Figures:
+    """Return what a mux with so many of both costs."""
+    with (
+        NodeProcess('safety_mux.node', parameters(count)) as mux,
+        running('-m', 'assurance.benchmarks.bench_mux', 'talk', str(count)),
+    ):
+        mux.wait_output('STOPPED')
+        time.sleep(_SETTLE)
+        spent = Cost({'mux': mux.process.pid})
+        time.sleep(seconds)
+        return spent.figures()
+
+
+def measure(size: Size = USUAL) -> dict[str, Figures]:
+    """Return the cost of each size, and of each further source and operator between two."""
+    found = {count: cost(count, size.seconds) for count in SIZES}
+    rows = {f'mux, {count}': figures for count, figures in found.items()}
+    for few, many in itertools.pairwise(SIZES):
+        each = (found[many]['cpu'] - found[few]['cpu']) / (many - few)
+        rows[f'mux, each from {few} to {many}'] = {'cpu': each}
+    return rows
+
+
 def main() -> None:
-    for name, seconds in measure().items():
-        print(f'{name}: {seconds * 1e6:.1f} µs')
+    use_own_domain()
+    for size in [int(word) for word in sys.argv[1:]] or SIZES:
+        print(size, {name: float(f'{value:.3g}') for name, value in cost(size, 10.0).items()})
 
 
 if __name__ == '__main__':
-    main()
+    if sys.argv[1:2] == ['talk']:
+        with contextlib.suppress(RuntimeError, KeyboardInterrupt):  # ended between two of them
+            talk(int(sys.argv[2]))
+    else:
+        main()

@@ -9,7 +9,7 @@ import time
 
 from std_msgs.msg import Bool
 
-from assurance.benchmarks.rig import Figures, figures, use_own_domain
+from assurance.benchmarks.rig import Figures, figures, Size, use_own_domain, USUAL
 from stage.rig import latched, NodeProcess, Observer
 
 NODE = 'fort_vsc_bridge'
@@ -39,11 +39,11 @@ def first_message(observer: Observer, name: str, space: str) -> float:
     return heard.times[0] - begin
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
+def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return the seconds of a node of ours, and of a bare rclpy publisher."""
     times: dict[str, list[float]] = {'bare': [], NODE: []}
     with Observer('start') as observer:
-        for number in range(5 if quick else 20):
+        for number in range(size.starts):
             for name, found in times.items():
                 found.append(first_message(observer, name, f'/start{number}'))
     return {f'start {name}': figures(found) for name, found in times.items()}

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
+from functools import partial
 from pathlib import Path
 import random
 import subprocess
@@ -18,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from assurance.benchmarks.rig import Rig, running, UnavailableError
 from rugged_teleop.stack import wiring
-from stage.rig import NodeProcess, Observer, wait_for
+from stage.rig import NodeProcess, Observer, ROOT, wait_for
 
 VSC, MUX, DRIVE = 'fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge'
 SPINE = (VSC, MUX, DRIVE)
@@ -59,8 +60,12 @@ class Nodes:
     """
     VSC bridge, mux and drive node, each a process or all in one.
 
-    :param variants: of nodes that are started in another way, by name.
+    :param further: of a stack: parameters beside config/demo.yaml of nodes that it has besides, or
+        of the three, by name. :param variants: of nodes that are started in another way, by name.
+    :param hosts: by name of a node on another host, what calls functions there.
     """
+
+    neutral_time = 0.35  # s of neutral sticks before the deadman, above the mux's parameter
 
     def __init__(
         self,
@@ -69,25 +74,29 @@ class Nodes:
         exits: contextlib.ExitStack,
         *,
         stack: bool = False,
+        further: Mapping[str, Mapping[str, Any]] | None = None,
         rt_priority: int = 0,
-        variants: dict[str, Variant] | None = None,
+        variants: Mapping[str, Variant] | None = None,
+        hosts: Mapping[str, Callable[..., Any]] | None = None,
     ) -> None:
         self.rig, self.observer = rig, observer
         self.nodes: dict[str, NodeProcess] = {}
         self.may_end: set[str] = set()  # nodes whose end is no surprise
         self._exits = exits
-        self._variants = variants or {}
+        self._variants, self._hosts = variants or {}, hosts or {}
         self.status = observer.record(DiagnosticStatus, f'/{MUX}/status', keep=200)
         self._reset = observer.node.create_client(Trigger, f'/{MUX}/reset')
         given: dict[str, dict[str, Any]] = {VSC: {'port': rig.vsc}, DRIVE: {'port': rig.drive}}
+        further = further or {}
         self._parameters = {
             name: {
                 **given.get(name, {}),
+                **further.get(name, {}),
                 **({'rt_priority': rt_priority} if rt_priority else {}),
                 # One trial comes after another.
                 **({'reset_silence': 0.0} if name == MUX else {}),
             }
-            for name in SPINE
+            for name in dict.fromkeys((*SPINE, *further))
         }
         if stack:
             together = {
@@ -95,8 +104,10 @@ class Nodes:
                 for name, values in self._parameters.items()
                 for key, value in values.items()
             }
+            file = ('--params-file', str(ROOT / 'config' / 'demo.yaml')) if further else ()
             # The names of the nodes are no ROS arguments: they end the list of these.
-            node = NodeProcess('rugged_teleop.stack', together, arguments=('--', *SPINE))
+            arguments = (*file, '--', *self._parameters)
+            node = NodeProcess('rugged_teleop.stack', together, arguments=arguments)
             self.nodes['stack'] = exits.enter_context(node)
         else:
             for name in SPINE:
@@ -105,13 +116,15 @@ class Nodes:
     def start(self, name: str) -> None:
         """Start a node, or start it again."""
         module, arguments, terminal = self._variants.get(name, Variant(f'{name}.node'))
-        node = NodeProcess(
+        node = partial(
+            NodeProcess,
             module,
             self._parameters[name],
             arguments=(*wiring([name]), *arguments),
             terminal=terminal,
         )
-        self.nodes[name] = self._exits.enter_context(node)
+        there = self._hosts.get(name)
+        self.nodes[name] = self._exits.enter_context(there(node) if there else node())
 
     @property
     def pids(self) -> dict[str, int]:
@@ -157,14 +170,15 @@ class Nodes:
         self.let_go()
 
         def done() -> bool:
-            if self.state != 'READY' and not self._try_reset():
+            if self.state != 'READY' and not self.try_reset():
                 return False
             self.wait(lambda: self.state == 'READY', 'READY')
             return True
 
         self.wait(done, 'a reset', 2 * _START)
 
-    def _try_reset(self) -> bool:
+    def try_reset(self) -> bool:
+        """Reset; tell whether it counts. One that does not is followed by a pause."""
         self.wait(self._reset.service_is_ready, 'the mux')
         future = self._reset.call_async(Trigger.Request())
         self.wait(future.done, 'an answer')
@@ -175,7 +189,7 @@ class Nodes:
     def move(self) -> None:
         """Be in motion, by reset, deadman and stick. :raises AssertionError: it does not move."""
         self.ready()
-        self.pause(0.35)  # of neutral sticks
+        self.pause(self.neutral_time)
         self.rig.say('deadman 1')
         self.pause(0.08)
         self.rig.say(f'stick {STICK}')

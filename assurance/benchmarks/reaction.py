@@ -29,8 +29,10 @@ from assurance.benchmarks.rig import (
     Cost,
     Figures,
     figures,
+    Size,
     UnavailableError,
     use_own_domain,
+    USUAL,
 )
 
 KINDS = ('floor', 'bare', 'three', 'stack')
@@ -41,12 +43,11 @@ _MOST_LOST = 10  # of what does not even move
 
 
 class Result(NamedTuple):
-    """The reactions (s), how many trials gave none, and what each process costs at rest."""
+    """The reactions (s), how many trials gave none, and what all and each cost at rest."""
 
     times: list[float]
     lost: int
-    shares: dict[str, float]  # per cent of a core
-    memory: dict[str, float]  # MB
+    rest: Figures  # see Cost.figures; with the per cent of each process, by its name
 
     def figures(self) -> Figures:
         """Return quantiles and the lost trials."""
@@ -93,16 +94,17 @@ def react(
         busy_cores() if load else contextlib.nullcontext(),
     ):
         times, lost = trials(chain, what, count)
-        shares, memory = cost_at_rest(chain, rest) if rest else ({}, {})
-    return Result(times, lost, shares, memory)
+        at_rest = cost_at_rest(chain, rest) if rest else {}
+    return Result(times, lost, at_rest)
 
 
-def cost_at_rest(chain: Bare | Nodes, seconds: float) -> tuple[dict[str, float], dict[str, float]]:
-    """Return per cent of a core and MB, by process, of a chain at rest."""
+def cost_at_rest(chain: Bare | Nodes, seconds: float) -> Figures:
+    """Return what a chain costs at rest, together and by process."""
     chain.rest(0.5)
     cost = Cost(chain.pids)
     chain.rest(seconds)
-    return cost.shares(), cost.memory()
+    print(cost.threads(), flush=True)
+    return {**cost.figures(), **cost.shares()}
 
 
 def hold(seconds: float, rt_priority: int) -> Figures:
@@ -129,42 +131,41 @@ def hold(seconds: float, rt_priority: int) -> Figures:
     return {'stops': stops, 'n': round(seconds)}
 
 
-def measure(quick: bool = False) -> dict[str, Figures]:
+def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return each kind's reactions (s), the bare chain between all others, and their cost."""
-    count, fewer, rest = (20, 8, 5.0) if quick else (200, 60, 15.0)
+    count, fewer, rest = size.stops, size.fewer, size.seconds
     found = {'floor estop': react('floor', count).figures()}
     bare = [react('bare', count, rest=rest)]
     for kind in ('three', 'stack'):
         result = react(kind, count, rest=rest)
         bare.append(react('bare', count))
         found[f'{kind} estop'] = result.figures()
-        found[f'{kind} rest'] = {'cpu': sum(result.shares.values()), **result.shares}
+        found[f'{kind} rest'] = result.rest
     for what in STOPS[1:]:
         found[f'three {what}'] = react('three', fewer, what).figures()
         bare.append(react('bare', fewer))
     found['three stick'] = react('three', fewer, STICK).figures()
-    found['bare rest'] = {'cpu': sum(bare[0].shares.values())}
+    found['bare rest'] = bare[0].rest
     found['bare estop'] = together(bare).figures()
     return found
 
 
-def measure_load(quick: bool = False) -> dict[str, Figures]:
+def measure_load(size: Size = USUAL) -> dict[str, Figures]:
     """
     Return the same with all cores busy, without and with a real-time priority.
 
     What the rights, or the nodes, do not allow is left out.
     """
-    count, seconds = (15, 20.0) if quick else (100, 600.0)
     found: dict[str, Figures] = {}
     for rt_priority, words in ((0, 'load'), (RT_PRIORITY, 'load, rt')):
         under_load = partial(react, rt_priority=rt_priority, load=True)
         try:
-            bare = [under_load('bare', count)]
-            found[f'three estop, {words}'] = under_load('three', count).figures()
-            bare.append(under_load('bare', count))
+            bare = [under_load('bare', size.fewer)]
+            found[f'three estop, {words}'] = under_load('three', size.fewer).figures()
+            bare.append(under_load('bare', size.fewer))
             found[f'bare estop, {words}'] = together(bare).figures()
             if rt_priority:
-                found['three in motion, load, rt'] = hold(seconds, rt_priority)
+                found['three in motion, load, rt'] = hold(size.hold, rt_priority)
         except (UnavailableError, PermissionError) as error:
             print(f'{words}: skipped, {error}', file=sys.stderr)
     return found
@@ -173,7 +174,7 @@ def measure_load(quick: bool = False) -> dict[str, Figures]:
 def together(results: Sequence[Result]) -> Result:
     """Return the trials of several runs as of one."""
     times = [time for result in results for time in result.times]
-    return Result(times, sum(result.lost for result in results), {}, {})
+    return Result(times, sum(result.lost for result in results), {})
 
 
 def main() -> None:
@@ -201,10 +202,7 @@ def main() -> None:
         )
     except UnavailableError as error:
         raise SystemExit(f'reaction: skipped, {error}') from error
-    for name, share in result.shares.items():
-        print(f'  {name}: {share:.1f} % of a core at rest')
-    for name, size in result.memory.items():
-        print(f'  {name}: {size:.1f} MB')
+    print('  at rest:', {name: float(f'{value:.3g}') for name, value in result.rest.items()})
     values = result.figures()
     counts = {name: f'{int(values.pop(name))}' for name in ('n', 'lost')}
     texts = {**counts, **{name: f'{1e3 * value:.2f}' for name, value in values.items()}}

@@ -12,6 +12,7 @@ import functools
 import itertools
 import os
 from pathlib import Path
+import re
 import select
 import shutil
 import subprocess
@@ -25,10 +26,24 @@ from stage.rig import own_domain
 SOURCE = Path(__file__).with_name('rig.c')
 _COMPILERS = ('cc', 'gcc', 'clang')
 _ANSWER_TIME = 5.0  # s
-_TICKS = os.sysconf('SC_CLK_TCK')
 _PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 
 Figures = dict[str, float]
+
+
+class Size(NamedTuple):
+    """How much is measured: stops, further ones, starts; seconds of watching and of holding."""
+
+    stops: int
+    fewer: int
+    starts: int
+    seconds: float
+    hold: float
+
+
+USUAL = Size(300, 60, 20, 15.0, 600.0)
+QUICK = Size(20, 8, 5, 5.0, 20.0)
+ONCE = Size(1, 1, 1, 0.3, 1.0)  # whether it works at all
 
 
 class UnavailableError(Exception):
@@ -219,14 +234,6 @@ def is_wire(pid: int) -> bool:
     return False
 
 
-def processor_time(pid: int) -> float:
-    """Return the seconds of processor time spent; 0 where it is gone."""
-    with contextlib.suppress(OSError):
-        fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS
-    return 0.0
-
-
 def resident(pid: int) -> float:
     """Return the resident memory, in MB (2**20 bytes); 0 where it is gone."""
     with contextlib.suppress(OSError):
@@ -236,30 +243,126 @@ def resident(pid: int) -> float:
     return 0.0
 
 
+class Spent(NamedTuple):
+    """What processes have spent: seconds of a processor, and how often a thread has waited."""
+
+    time: float
+    waits: int
+
+
+def spent_by(pid: int) -> Spent:
+    """Return what the threads of a process have spent; none where it is gone."""
+    return _sum(_threads(pid).values())
+
+
+def _threads(pid: int) -> dict[str, Spent]:
+    """Return the same by the names that the kernel shows for threads."""
+    found: dict[str, list[Spent]] = {}
+    for task in Path(f'/proc/{pid}/task').glob('*'):
+        with contextlib.suppress(OSError):  # it has ended
+            spent = int((task / 'schedstat').read_text().split()[0]) / 1e9
+            status = (task / 'status').read_text()
+            waits = int(re.findall(r'^voluntary_ctxt_switches:\s+(\d+)', status, re.M)[0])
+            found.setdefault((task / 'comm').read_text().strip(), []).append(Spent(spent, waits))
+    return {name: _sum(each) for name, each in found.items()}
+
+
+def _sum(spent: Iterable[Spent]) -> Spent:
+    return Spent(*map(sum, zip(Spent(0.0, 0), *spent, strict=True)))
+
+
+def _packets() -> int:
+    """Return how many UDP packets this machine has sent."""
+    lines = Path('/proc/net/snmp').read_text(encoding='ascii').splitlines()
+    names, values = (line.split() for line in lines if line.startswith('Udp: '))
+    return int(values[names.index('OutDatagrams')])
+
+
+def _idle() -> tuple[int, int]:
+    """Return the ticks in which all processors were idle, and all ticks."""
+    head = Path('/proc/stat').read_text(encoding='ascii').splitlines()[0]
+    ticks = [int(word) for word in head.split()[1:9]]  # those of guests are among them
+    return ticks[3] + ticks[4], sum(ticks)
+
+
+def proportional(pid: int) -> float:
+    """Return the memory in MB, of what is shared its part (PSS); 0 where it is gone."""
+    with contextlib.suppress(OSError):
+        text = Path(f'/proc/{pid}/smaps_rollup').read_text(encoding='ascii')
+        return int(re.findall(r'^Pss:\s+(\d+)', text, re.M)[0]) / 1024
+    return 0.0
+
+
 class Cost:
     """Samples what processes and their descendants cost; by name. :param pids: by name."""
 
     def __init__(self, pids: dict[str, int]) -> None:
         self._pids = {name: family(pid) for name, pid in pids.items()}
-        self._wires = {name: wires_of(pid) for name, pid in pids.items()}
-        self._begin, self._spent = time.monotonic(), self._times()
+        self._begin, self._spent = time.monotonic(), self._now()
+        self._packets, self._idle = _packets(), _idle()
 
-    def _times(self) -> dict[str, float]:
-        return {n: sum(map(processor_time, pids)) for n, pids in self._pids.items()}
+    def _now(self) -> dict[str, dict[str, Spent]]:
+        return {
+            name: {
+                # A wire's own title begins with its node.
+                f'{pid} {title(pid).partition(":")[0] if n else name} {thread}': spent
+                for n, pid in enumerate(pids)
+                for thread, spent in _threads(pid).items()
+            }
+            for name, pids in self._pids.items()
+        }
+
+    def _since(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Return per cent of a core and wake-ups a second, by name and thread."""
+        elapsed, now = time.monotonic() - self._begin, self._now()
+
+        def each(spent: Spent, before: Spent) -> tuple[float, float]:
+            return (
+                100.0 * (spent.time - before.time) / elapsed,
+                (spent.waits - before.waits) / elapsed,
+            )
+
+        return {
+            name: {n: each(now[name].get(n, was), was) for n, was in threads.items()}
+            for name, threads in self._spent.items()
+        }
 
     def shares(self) -> dict[str, float]:
         """Return the per cent of a core since the start, by name."""
-        elapsed = time.monotonic() - self._begin
-        spent = self._times()
-        return {n: 100.0 * (spent[n] - before) / elapsed for n, before in self._spent.items()}
+        return {
+            name: sum(share for share, _ in threads.values())
+            for name, threads in self._since().items()
+        }
 
-    def memory(self) -> dict[str, float]:
-        """Return the MB of each node, and of its largest wire process as ``NAME: wire``."""
-        found = {name: resident(pids[0]) for name, pids in self._pids.items()}
-        for name, wires in self._wires.items():
-            if wires:
-                found[f'{name}: wire'] = max(map(resident, wires))
-        return found
+    def threads(self) -> str:
+        """Return a table of the threads that cost most, for people."""
+        rows = [
+            (share, waits, thread.partition(' ')[2])
+            for threads in self._since().values()
+            for thread, (share, waits) in threads.items()
+            if waits >= 1.0
+        ]
+        return '% of a core  wake-ups/s  us each  thread\n' + ''.join(
+            f'{share:11.2f} {waits:11.0f} {share / waits * 1e4:8.0f}  {thread}\n'
+            for share, waits, thread in sorted(rows, reverse=True)
+        )
+
+    def figures(self) -> Figures:
+        """
+        Return per cent of a core, and what tells it from other runs, of all together.
+
+        Packets and the idle share of all processors are the machine's.
+        """
+        elapsed = time.monotonic() - self._begin
+        since = [each for threads in self._since().values() for each in threads.values()]
+        idle, ticks = (after - was for after, was in zip(_idle(), self._idle, strict=True))
+        return {
+            'cpu': sum(share for share, _ in since),
+            'wake-ups/s': sum(waits for _, waits in since),
+            'packets/s': (_packets() - self._packets) / elapsed,
+            'PSS': sum(proportional(pid) for pids in self._pids.values() for pid in pids),
+            'idle': 100.0 * idle / max(1, ticks),
+        }
 
 
 @contextlib.contextmanager

@@ -6,15 +6,25 @@ Mux, drive node and drive together, in every state that they can reach; see assu
 
 Each has been explored alone. Here the drive's motion is judged by what the operator and the stop
 sources said: no motion but with a deadman pressed after the last reset, and by no older news than
-the time-outs allow. From every state a quiet while, a reset and the deadman lead to motion again.
+the time-outs allow. In the scene *network* the drive's node has proofs, over a way that delays or
+loses all that the mux says: there no news is older than the limit of age. From every state a quiet
+while, a reset and the deadman lead to motion again.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 import math
 from typing import Any
 
 import pytest
 
+from assurance.explorations.test_mux_gate_exploration import (
+    carried,
+    LATE,
+    READER,
+    renumber,
+    Said,
+)
 from assurance.explorations.test_safety_mux_exploration import (
     CLEAR,
     Memory as ArbiterMemory,
@@ -22,17 +32,18 @@ from assurance.explorations.test_safety_mux_exploration import (
     STEP,
     TIMEOUT,
 )
-from assurance.explorer import Memory, Remembered, START, visits_of
+from assurance.explorer import explore, Memory, Remembered, START, visits_of
+from bridge_core.mux_words import MuxWords
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.session import Session
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import OperatorSample, State
+from safety_mux.protocol import Decision, OperatorSample, State
 from safety_mux.settings import EStopSource, MuxConfig, Operator
 from stage.esi_drive_rig import axes, fields, IDLE, make_settings, RUNNING, status
 
 pytestmark = pytest.mark.computes
-FRESH, LINK, ENABLE = 2 * STEP, 3 * STEP, 4 * STEP
+FRESH, LINK, ENABLE, AGE = 2 * STEP, 3 * STEP, 4 * STEP, 2 * STEP
 FULL, GROWTH = 8, 4  # counts; counts a packet
 QUIET = 8  # steps
 FAULT = status(2, errors=1)
@@ -46,6 +57,7 @@ WORDS = {
     'mux': ('runs', 'frozen'),
     'wire': ('joined', 'cut', 'deaf', 'off'),  # between mux and drive node; see TO, FRO
     'drive': ('well', 'lazy', 'faulty', 'mute'),  # lazy: it never enables
+    'network': ('joined', 'late', 'cut'),  # from mux to drive node, in the scene that has one
 }
 TO, FRO = ('joined', 'deaf'), ('joined', 'cut')  # wires that carry commands, and what is said back
 CONFIG = MuxConfig(
@@ -70,10 +82,20 @@ APART = (
     'memory', 'naming', 'of_arbiter', 'live', 'now', 'words', 'config', 'settings', 'counters',
     '_format', 'last_stop', '_reported_at', '_sent_at', '_gap_at', '_gap',
     '_saturated', 'refused_commands', 'saturations', '_own_gap', '_garbage_since', '_transition',
-    '_offered', '_astray_since', 'span',
+    '_offered', '_astray_since', 'span', 'damaged', 'repeated', 'unasked', 'second', 'hold',
+    '_worst_before', '_pacer', '_vouched', '_command_age', '_heard_at', '_second_at', '_worst',
 )  # fmt: skip
 UNNAMED = ('_quiet_until', '_stepped_at', 'status', '_status')
 OLD = {'': LINK, '_at': STEP, '_until': 0.0, '_waits_until': 0.0, '_next_send': 0.0}  # see Memory
+OLD |= {'at': (LATE + 1) * STEP, '_old_at': 0.0}
+NEVER = ('_stopped_at', '_disabled_at', '_old_at')
+
+
+@dataclass(slots=True)
+class Told(Said):
+    """What the mux said, and demanded."""
+
+    demand: float = 0.0
 
 
 class Motor:
@@ -112,7 +134,11 @@ class World(Remembered):
         self.now = START
         limiter = JointLimiter([JointLimit(1.0, 1.0 / STEP, 0.5 / STEP)], max_dt=1.0)
         self.arbiter = Arbiter(CONFIG, limiter, self.now)
-        self.session = Session(SETTINGS)
+        mux = MuxWords('/mux', required=True, age_limit=AGE, identity=READER)
+        mux._age.hold = 0.0  # it is in the world of test_mux_words_exploration
+        self.session = Session(SETTINGS, mux if 'network' in words else None)
+        self.newest = Told(self.now, True, False, 0, 0, 0, -math.inf)
+        self.on_the_way: list[Told] = []
         self.motor = Motor()
         self.words = {name: each.split() for name, each in words.items()}
         self.doing = {name: each[0] for name, each in WORDS.items()}
@@ -124,8 +150,8 @@ class World(Remembered):
         self.enables = False  # so the mux said last: somebody is in control
         self.granted_at = -math.inf  # the last news to the drive's node that permits motion
         self.live: set[Any] = set()
-        self.memory = Memory(self, OLD, APART, UNNAMED)
-        self.naming = Memory(self, OLD, (*APART, 'arbiter'), UNNAMED)
+        self.memory = Memory(self, OLD, APART, UNNAMED, NEVER)
+        self.naming = Memory(self, OLD, (*APART, 'arbiter'), UNNAMED, NEVER)
         self.of_arbiter = ArbiterMemory(self.arbiter, OLD[''])
         self.session.opened(self.now)
         self.step('')
@@ -183,10 +209,34 @@ class World(Remembered):
         self.pressed &= self.reset and not away
         self.enables = decision.enable
         if doing['wire'] in TO:
-            self.granted_at = now if self.pressed else -math.inf
-            self.session.set_estop(decision.estop, now)
-            self.session.set_command((decision.demand[0] * FULL, 0.0), now)
-            self.session.set_enable(decision.enable, now)
+            if 'network' in self.words:
+                self.granted_at = now if self.pressed else self.granted_at
+                self.send(decision)
+            else:
+                self.granted_at = now if self.pressed else -math.inf
+                self.tell(decision.estop, decision.demand[0], decision.enable)
+
+    def tell(self, estop: bool, demand: float, enable: bool) -> None:
+        """Have the drive's node hear what the mux says."""
+        self.session.set_estop(estop, self.now)
+        self.session.set_command((demand * FULL, 0.0), self.now)
+        self.session.set_enable(enable, self.now)
+
+    def send(self, decision: Decision) -> None:
+        """Ask the mux for its age, and have the drive's node hear what comes of what it says."""
+        mux, before = self.session.mux, self.newest
+        mux.ask(self.now)
+        self.newest = Told(
+            *(self.now, decision.estop, decision.enable, before.number + 1),
+            before.stops + (decision.estop and not before.estop),
+            before.falls + (before.enable and not decision.enable),
+            asked=self.now,
+            demand=decision.demand[0],
+        )
+        for told in carried(self.on_the_way, self.newest, self.doing['network']):
+            self.tell(told.estop, told.demand, told.enable)
+            self.session.hear_proof(told.proof(), self.now)
+        renumber(mux._reader, [self.newest, *self.on_the_way], self.now)
 
     def run_drive(self) -> None:
         """Let the drive and its node hear of each other."""
@@ -204,7 +254,8 @@ class World(Remembered):
         motor = self.motor
         if motor.moves:
             assert motor.value > 0, 'the other way'
-            assert self.now - self.granted_at < FRESH, f'unwanted motion: {self.doing}'
+            oldest = AGE + STEP if 'network' in self.words else FRESH
+            assert self.now - self.granted_at < oldest, f'unwanted motion: {self.doing}'
             assert self.now - self.heard['status'] < LINK, 'motion of a drive that is not heard'
             assert self.doing['drive'] in ('well', 'mute')
 
@@ -244,3 +295,28 @@ COUNTS: dict[str, tuple[int, int]] = {
     'drive': (5708, 39956),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
+NETWORK = {'operator': 'rest drive', 'network': 'joined late cut'}
+
+
+@pytest.mark.parametrize('most', [200, pytest.param(10_000, marks=pytest.mark.proof)])
+def test_states_near_the_start_over_a_network(most: int) -> None:
+    """There are more states than anybody has waited for."""
+    explore(World(**NETWORK), 'here.World(**here.NETWORK)', most)
+
+
+LATE_WAY = (*['network late', *8 * ['']], 'reset', *5 * [''], 'operator drive', *16 * [''])
+
+
+@pytest.mark.parametrize('is_bounded', [True, False])
+def test_deadman_that_is_let_go_of_over_a_late_network_moves_nothing(is_bounded: bool) -> None:
+    """Deeper than the states above; the rule notices a drive that does not bound ages."""
+    world = World(**NETWORK)
+    if not is_bounded:
+        world.session.mux._age.timeout = math.inf
+    world.play(*8 * [''], *LATE_WAY)
+    assert world.motor.moves is not is_bounded
+    if is_bounded:
+        world.play('operator rest', *8 * [''])
+        return
+    with pytest.raises(AssertionError, match='unwanted motion'):
+        world.play('operator rest', *8 * [''])

@@ -3,7 +3,7 @@
 
 """Every state of the VSC's session that decides about a stop; see assurance/explorer.py."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import math
 from typing import Any
 
@@ -14,12 +14,16 @@ from assurance.session_world import SessionWorld
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol import CanWire, HidWire, MessageType, SerialWire, Wire
 from fort_vsc_bridge.session import Session, Settings, Sticks
+from fort_vsc_bridge.session.line_age import AGE_KEY, LATE_TIME
+from fort_vsc_bridge.simulator import build_frame
 from stage.fort_vsc_rig import CLEAR, DEFLECTED, heartbeat, SRC, STOP, USER
 from stage.vsc_on_can import ALL_STICKS, frame, heartbeat as heartbeat_on_can
 
 pytestmark = pytest.mark.computes
 LINK = ASKED = 2 * SessionWorld.STEP
 ECHO = 0.5  # s that the VSC may take to answer our heartbeat
+QUESTION = build_frame(0x32, bytes((AGE_KEY,)))
+ANSWER = build_frame(0x30, bytes((AGE_KEY, 0, 0, 0, 0)))
 TRANSITION = 3 * SessionWorld.STEP  # of a mode that is none of table 12
 SAID = {
     'ok': heartbeat(),
@@ -221,8 +225,101 @@ class HidWorld(World):
         return [sticks + b'\0\0\0\0\x08' + self.SAID[e] for e in said if e != 'silent']
 
 
-def world_on(wire: str = 'serial', **scene: Any) -> World:
-    return {'serial': World, 'can': CanWorld, 'hid': HidWorld}[wire](**scene)
+class FarWire(SerialWire):
+    """A serial server, and a VSC that says one heartbeat a step."""
+
+    INTERVAL = SessionWorld.STEP
+
+
+class FarWorld(SessionWorld[Session]):
+    """
+    A VSC that is well, behind a serial server that hands on what it says up to 5 steps late.
+
+    It may answer no question. Whatever it says was said when it was said, and not when it comes.
+    """
+
+    CALM = {'vsc': 'ok', 'steps': '0', 'answers': 'yes'}
+    LIMIT = 4 * SessionWorld.STEP  # line_age_limit
+    PATIENCE = 7 * SessionWorld.STEP  # more than any delay
+
+    def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
+        del reads
+        settings = Settings(
+            wire=FarWire(network=True),
+            link_timeout=LINK,
+            line_age_limit=self.LIMIT,
+            heartbeat_rate=8.0,
+        )
+        lately = self.LIMIT + 2 * self.STEP
+        old = {'': lately, '_asked': 2 * self.PATIENCE, 'under_way': lately, '_free_at': 0.0}
+        apart = (*APART, '_judgement', '_pacer', '_stop', 'heard_at')
+        super().__init__(Session(settings), said, old=old, apart=apart, unnamed=('_newest',))
+        self.session._line.PATIENCE = self.PATIENCE  # type: ignore[union-attr]
+        self.session._line.FIRST_PATIENCE = 2 * self.PATIENCE  # type: ignore[union-attr]
+        self.under_way: list[tuple[bytes, float]] = []  # what the VSC said, and when
+        self.spoke_at = self.now
+        self.said_at = -math.inf  # the newest heartbeat that came
+
+    def possible(self) -> Iterator[str]:
+        return (each for each in super().possible() if each not in ('stall', 'overflow'))
+
+    def lapse(self) -> None:
+        while self.spoke_at < self.now:
+            self.spoke_at += self.STEP
+            if self.doing['vsc'] == 'ok':
+                self.under_way.append((heartbeat(), self.spoke_at))
+
+    def hear(self, said: Sequence[str]) -> None:
+        frames = b''
+        for each, at in self.come():
+            frames += each
+            if each == heartbeat():
+                self.said_at, self.heard_at = at, self.now
+        self.keep(self.session.receive(frames, self.now))
+
+    def come(self) -> list[tuple[bytes, float]]:
+        """Return what has come by now, and forget it."""
+        latest = self.now - int(self.doing['steps']) * self.STEP
+        come = [each for each in self.under_way if each[1] <= latest]
+        del self.under_way[: len(come)]
+        return come
+
+    def ask(self, name: str, what: str) -> None:
+        pass
+
+    def keep(self, output: tuple[list[Any], list[Any]]) -> None:
+        super().keep(output)
+        if self.doing['answers'] == 'yes':
+            self.under_way += [(ANSWER, self.now)] * output[1].count(QUESTION)
+
+    def judge(self) -> None:
+        if self.interrupted_at == self.now:
+            self.come()
+        if not self.open:
+            self.under_way.clear()
+        session, now = self.session, self.now
+        if session.link_up:
+            assert session.as_of(now) <= self.said_at, 'it is older than the session says'
+        assert self.verdict.estop or session.link_up, 'clear by a silent VSC'
+        known = session.as_of(now) > -math.inf
+        young = now - self.said_at < self.LIMIT
+        assert self.verdict.estop or young or not known, 'clear by old words'
+
+    def revive(self) -> None:
+        steps = round((2 * self.PATIENCE + LATE_TIME + 2.0) / self.STEP)
+        while self.verdict.estop or self.session.as_of(self.now) == -math.inf:
+            assert (steps := steps - 1), 'no way out of a stop'
+            self.step('')
+
+
+def world_on(wire: str = 'serial', **scene: Any) -> SessionWorld[Session]:
+    kinds: dict[str, type[SessionWorld[Session]]] = {
+        'serial': World,
+        'can': CanWorld,
+        'hid': HidWorld,
+        'far': FarWorld,
+    }
+    return kinds[wire](**scene)
 
 
 SCENES: dict[str, dict[str, Any]] = {
@@ -244,6 +341,12 @@ SCENES: dict[str, dict[str, Any]] = {
         'estop': 'silent go stop',
         'line': 'free busy',
     },
+    'far': {
+        'wire': 'far',
+        'vsc': 'ok',
+        'steps': '0 5',
+        'answers': 'yes no',
+    },
     'can': {
         'wire': 'can',
         'vsc': ' '.join(CanWorld.SAID),
@@ -263,6 +366,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'device': (2005, 37664),
     'echo': (6242, 62088),
     'busy': (9393, 73397),
+    'far': (45928, 206563),
     'can': (19175, 355145),
     'hid': (524, 8104),
 }  # states, and steps between them

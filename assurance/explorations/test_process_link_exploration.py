@@ -74,7 +74,7 @@ class Link(ProcessLink):
     def _wake(self) -> None:
         self.woken = True
 
-    def _new_process(self) -> Child:
+    def _next_process(self) -> Child:
         made: Any = Process(self.world, self.world.child('wire'))
         self.world.children.append(made)
         return Child(made, made.ours)

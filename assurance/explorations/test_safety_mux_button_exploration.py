@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -32,7 +33,7 @@ from safety_mux.arbiter import Arbiter
 from safety_mux.button import ResetButton
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.listening import ButtonTopic
-from safety_mux.protocol import OperatorSample, State
+from safety_mux.protocol import OperatorSample, Reply, State
 from safety_mux.settings import EStopSource, MuxConfig, Operator
 
 pytestmark = pytest.mark.computes
@@ -58,6 +59,7 @@ class Mux:
 
     hear_button = ButtonTopic.on_message
     _trouble = ButtonTopic._trouble
+    _node = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=lambda text: None))
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -77,9 +79,11 @@ class Mux:
     def _refuse(self, now: float, why: str) -> None:
         self._refused_reset = now, why
 
-    def _reset(self) -> None:
+    def _reset(self) -> Reply:
         was = self._arbiter.state
-        self.world.reset = self._arbiter.reset(self.world.now).ok and was is State.STOPPED
+        reply = self._arbiter.reset(self.world.now)
+        self.world.reset = reply.ok and was is State.STOPPED
+        return reply
 
 
 class World(Remembered):

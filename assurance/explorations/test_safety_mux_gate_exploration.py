@@ -76,7 +76,7 @@ class World(Remembered):
         says, has = self.doing['joy'] != 'silent', self.doing['control'] == 'yes'
         if says:
             self.said = self.doing['joy']
-            self.gate.hear(JOYS[self.said])
+            self.gate.hear_joy(JOYS[self.said])
         self.gate.decide(has, self.now)
         self.gate.say(self.now)
         self.judge(had, has, says)

@@ -71,6 +71,7 @@ class World(SessionWorld[Session]):
         self.asked, self.asked_at = '', -math.inf  # of the e-stop input
         self.command, self.commanded_at = '', -math.inf  # one that counts
         self.pulses: tuple[int, ...] | None = None  # that went out last
+        self.gap = False  # what went out before the port was closed may be in force
         self.moving = False
 
     def sound(self) -> bool:
@@ -140,6 +141,8 @@ class World(SessionWorld[Session]):
         self.watch()
         pan, tilt, *others = pulses
         assert not any(others), 'an output that nobody commands'
+        if self.gap:  # what was asked for before this message is forgotten
+            self.gap, self.command = False, ''
         if not self.command:
             assert (pan, tilt) == (0, TILT.failsafe_us), f'no failsafe: {pan}, {tilt}'
             return
@@ -157,6 +160,7 @@ class World(SessionWorld[Session]):
         if not self.verdict.estop:
             assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
         if not self.open:
+            self.gap |= self.pulses is not None
             self.pulses = None
         elif self.pulses is not None and not self.command:
             assert self.pulses[:2] == (0, TILT.failsafe_us), 'what was asked is still out'
@@ -166,7 +170,7 @@ class World(SessionWorld[Session]):
         assert not (self.moving and self.verdict.estop), 'sticks count in spite of a stop'
 
     def revive(self) -> None:
-        self.play('', '')
+        self.play('', '', '')
         assert not self.verdict.estop, 'no way out of a stop'
         assert self.pulses is not None, f'no way to motion: {self.session.inhibits(self.now)}'
         assert self.pulses[0] == 2000, f'no way to motion: {self.session.inhibits(self.now)}'
@@ -192,8 +196,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (3869, 61090),
-    'mux': (3512, 28730),
-    'commands': (8015, 68644),
+    'device': (3987, 63214),
+    'mux': (5441, 44527),
+    'commands': (13753, 117352),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

@@ -42,6 +42,7 @@ APART = (  # see Memory
     '_looped_back_at', 'foreign', 'lost', 'repeated', 'reordered', 'restarts', '_serial',
     'dropped_commands', '_known', '_missed', '_resumed_at', 'no_origin_at',
     '_armed_at', '_taken_at', '_offered', 'moves', 'doubles', 'second', '_told',
+    '_lateness',
 )  # fmt: skip
 
 
@@ -55,6 +56,7 @@ class World(SessionWorld[Session]):
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
         settings = Settings(
             link_timeout=self.LINK,
+            line_age_limit=0.0,  # test_vm110_lateness.py
             output_period=self.STEP / 2,
             hold_output_timeout=self.HOLD,
             crc='mpeg2',

@@ -6,8 +6,7 @@ Run hostile inputs through everything that reads what others wrote.
 
     make fuzz                              # ten million for each parser, 100 000 for all else
     make fuzz ARGS='--count 100000 ssc'    # those whose name contains ssc
-    make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them;
-                                           # with atheris, where that is installed
+    make fuzz ARGS='--grow 5000 vsc'       # look for inputs that reach more, and keep them
 
 A run that was cut goes on where it was, as build/fuzz has it, if no source has changed since.
 Exit status: 0 nothing was found; 1 an input shows a fault, and is printed.
@@ -29,14 +28,13 @@ import sys
 import time
 from typing import Any
 
-from assurance.fuzz import guided, TARGETS
+from assurance.fuzz import TARGETS
 from assurance.fuzz.campaign import (
     CORPUS,
     corpus,
     corpus_of,
     Finding,
     Fuzzer,
-    Outcome,
     smallest,
     watch_for_hangs,
 )
@@ -93,14 +91,7 @@ def _grow(name: str, count: int) -> bool:
     for reads in fuzzer.pool:
         fuzzer.check(reads)
     before = len(fuzzer.pairs)
-    outcome = Outcome()
-    if guided.INSTALLED:
-        try:
-            outcome.found = guided.look(target, fuzzer.pool, count)
-        except Finding as finding:
-            outcome.findings.append(finding)
-    else:
-        outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
+    outcome = fuzzer.batch(len(fuzzer.pool) + 1_000_000, count, traced=1)
     for each in outcome.findings:
         print(each)
     kept = smallest(target, [*fuzzer.pool, *outcome.found], _KEPT)

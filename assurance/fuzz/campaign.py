@@ -29,19 +29,14 @@ from typing import Any
 from assurance.fuzz.mutate import Input, joined, Kit, Mutator
 from stage.rig import ROOT
 
-_PACKAGES = (
+_PACKAGES = (  # whose lines count
     *('bridge_core', 'fort_vsc_bridge', 'vm110_bridge', 'akron_can_bridge', 'esi_drive_bridge'),
-    *('ssc_bridge', 'safety_mux', 'rugged_teleop', 'assurance'),
+    *('ssc_bridge', 'safety_mux', 'rugged_teleop'),
 )
 _OURS = tuple(f'{ROOT / package}{os.sep}' for package in _PACKAGES)
 _HANGS = 60.0  # s of processor time for one input: no speed, but the end of a loop without one
 _POOL = 500  # inputs that a batch keeps beside the corpus
 _TRACED = 1000  # of so many inputs of a batch one is traced
-
-
-def is_ours(code: CodeType) -> bool:
-    """Tell whether it is a part of the product, whose coverage counts."""
-    return code.co_filename.startswith(_OURS[:-1])
 
 
 class Finding(AssertionError):  # noqa: N818 - what is found is no error of ours
@@ -98,7 +93,7 @@ class Lines:
         code = frame.f_code
         ours = self._ours.get(code)
         if ours is None:
-            ours = is_ours(code)
+            ours = code.co_filename.startswith(_OURS)
             self._ours[code] = ours
         return self._line if ours else None
 

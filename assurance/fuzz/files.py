@@ -104,7 +104,7 @@ class CaptureTarget(Target):
                 count += 1
                 assert count <= 200 + 2 * len(data), 'more entries than bytes'
                 assert len(entry.data) <= max(len(data), 8), 'an entry larger than the file'
-                statistics.add(entry)
+                statistics.note(entry)
                 for writer in writers:
                     writer.write('fuzz', entry)
                 kinds.add((entry.protocol, entry.name))

@@ -41,6 +41,7 @@ from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as EsiSession
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.session import Session as FortSession, Settings as FortSettings
+from rugged_teleop.why.rules import Monitor
 from safety_mux.button import Presses
 from safety_mux.intake import Intake
 from safety_mux.mapping import forward_and_turn, JoyMapping, NamedJoints, Stick
@@ -228,7 +229,7 @@ class MuxTarget(Target):
     """
     The mux's callbacks while an operator drives.
 
-    The output is finite and within its limits. A stop, or a malformed message of whoever has
+    No rule is broken, as the monitors tell. A stop, or a malformed message of whoever has
     control, ends the motion for good, as nobody resets: both are judged here, not by the mux.
     """
 
@@ -263,6 +264,7 @@ class MuxTarget(Target):
     def run(self, reads: Input) -> Hashable:
         """Hear messages while an operator drives; return the states and where it ended."""
         bench = self._bench = copy.deepcopy(self._prepared)
+        self._monitor = Monitor(_MUX_CONFIG, [bench.limit] * _MUX_CONFIG.joints)
         intake = _intake(bench)
         states = {bench.decision.state}
         ended = False
@@ -287,10 +289,9 @@ class MuxTarget(Target):
 
     def _check(self, bench: Bench, ended: bool) -> None:
         decision = bench.tick()
-        assert all(math.isfinite(value) for value in decision.demand), 'not finite'
-        assert all(abs(value) <= 1.0 + 1e-9 for value in decision.demand), 'beyond its limit'
+        for broken in self._monitor.decided(decision, bench.now):
+            raise AssertionError(f'rule {broken.rule}: {broken.words}')
         moves = any(decision.demand)
-        assert decision.enable or not moves, 'it moves and does not enable'
         assert not ended or decision.state is not State.ACTIVE, 'it goes on'
         assert not (ended and moves), 'it moves after a stop of category 0'
 
@@ -333,7 +334,7 @@ def _intake(bench: Bench) -> Any:
         _own_estop=_said(bench.arbiter.own_estop_message),
         _drive_enabled=_said(bench.arbiter.drive_enabled),
         _limit=_said(bench.arbiter.speed_limit),
-        _heard=lambda name, joy: None,
+        _heard=lambda kind, name, message: None,
         _decision=bench.decision,
         _named=NamedJoints(('left', 'right')),
         _of_twist=forward_and_turn,

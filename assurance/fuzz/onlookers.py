@@ -125,7 +125,7 @@ def _recorder() -> Any:
     def hear(number: int, message: Any) -> None:
         topic = ('/diagnostics', f'{_MUX}/status', f'{_MUX}/estop')[number]
         data = message if number < 2 else bytes((0, 1, 0, 0, message.data))
-        reason = reasons.of(topic, data)
+        reason = reasons.reason_of(topic, data)
         assert not reason or reason == 'trip' or reason.startswith(('stop', 'fault_'))
         found.append(reason[:5])
 
@@ -248,7 +248,8 @@ class HttpTarget(Target):
         loop.run_until_complete(runner.setup())
         return server, loop, runner, socket.socket()
 
-    def _control(self, action: str, mux: str) -> Future[tuple[bool, str]]:
+    def _control(self, action: str, mux: str, who: str) -> Future[tuple[bool, str]]:
+        del who
         self._asked.append((action, mux))
         result: Future[tuple[bool, str]] = Future()
         result.set_result((True, 'done'))
