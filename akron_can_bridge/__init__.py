@@ -2,3 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """Monitors of the Akron Brass 6000 series and their joysticks on CAN."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import akron_can_bridge.protocol as akron
@@ -29,6 +29,15 @@ def _read(frame: CanFrame) -> tuple[str, Any] | None:
     return message_name(received.message), received
 
 
+def _rests(values: Mapping[str, Any], content: object) -> bool | None:
+    """Tell whether a basic joystick frame asks for nothing."""
+    del values
+    message = getattr(content, 'message', None)
+    if not isinstance(message, akron.BasicJoystick):
+        return None
+    return not any((message.x.value, message.y.value, *message.switches))
+
+
 def _received(value: akron.Received, plain: Callable[[Any], Any]) -> dict[str, Any]:
     head = {'from': f'{value.id.source:02X}', 'to': f'{value.id.destination:02X}'}
     return {**head, **plain(value.message)}
@@ -45,7 +54,10 @@ def _position(value: akron.Position, plain: Callable[[Any], Any]) -> Any:
 DECODERS = Decoders(
     protocols=(
         CanDecoder(
-            name='akron', read=_read, is_device=lambda identifier: identifier & 0xFF in _UNITS
+            name='akron',
+            read=_read,
+            is_device=lambda identifier: identifier & 0xFF in _UNITS,
+            rests=_rests,
         ),
     ),
     plain=Plain(

@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 from typing import Any
 
-from bridge_core.device import Device, Simulation, Trial
+from akron_can_bridge.reasons import REASONS
+from bridge_core.device import Device, Hands, Places, Simulation, Switch, Trial
 
 
 def _simulation(values: Mapping[str, Any]) -> Simulation:
@@ -17,6 +19,17 @@ def _simulation(values: Mapping[str, Any]) -> Simulation:
     address = values.get('unit_address') or 0x80
     words = ['akron', '--type', kind, '--address', f'{address:x}']
     return Simulation('can', (*words, *(('--pin', pin) if pin else ())))
+
+
+def _places(values: Mapping[str, Any], message: Any) -> dict[str, float]:
+    signs = [-1.0 if inverted else 1.0 for inverted in values['joint_inverted']]
+    named = zip(message.name, message.position, signs, strict=True)
+    return {name: sign * place for name, place, sign in named}
+
+
+def _turned(values: Mapping[str, Any], seen: Mapping[str, Any]) -> dict[str, float]:
+    degrees = -seen['rotation_deg'], seen['elevation_deg']  # left and up are positive
+    return dict(zip(values['joint_names'], map(math.radians, degrees), strict=True))
 
 
 DEVICE = Device(
@@ -37,9 +50,25 @@ DEVICE = Device(
             command='cmd_joy',
             field='axes',
             limit=1.0,
+            signs=(1, -1),  # back is up
         ),
     },
+    hands=Hands(
+        turned=_turned,
+        places=Places('joint_states', 'JointState', _places),
+        timeouts=('command_timeout', 'estop_in_timeout'),
+        obeys=('neutral because', 'commands go out'),
+        automatic={
+            'oscillation': Switch(
+                'its oscillation by its own controls; end it there',
+                ('oscillate on',),
+                ('oscillate off',),
+            ),
+            'stowing': Switch('stowing by its own controls; end it there', ('stow',), ()),
+        },
+    ),
     decoders='akron_can_bridge.decoders:DECODERS',
     simulators='akron_can_bridge.simulator:SIMULATORS',
     simulation=_simulation,
+    reasons=REASONS,
 )

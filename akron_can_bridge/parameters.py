@@ -71,19 +71,18 @@ PARAMETERS = (
     Parameter(
         'interface',
         'socketcan',
-        "Kind of CAN interface in python-can's words: socketcan, slcan, udp_multicast ...",
+        "python-can's kind of interface: socketcan, slcan, udp_multicast ...",
         section='the bus',
     ),
     Parameter(
         'channel',
         'can0',
-        'Which interface: can0, /dev/ttyACM0 for slcan, group:port for udp_multicast.',
+        'can0, /dev/ttyACM0 for slcan, group:port for udp_multicast.',
     ),
     Parameter(
         'bitrate',
         0,
-        'For interfaces that take one, such as slcan; 0: as the interface is set. The unit has '
-        '250000.',
+        'For slcan and the like; 0: as it is set. The unit has 250000.',
         unit='bit/s',
         minimum=0,
         maximum=1_000_000,
@@ -91,8 +90,8 @@ PARAMETERS = (
     Parameter(
         'source_address',
         _LAST,
-        'Our address on the bus: which joystick we are. A lower one overrides (Appendix B), so '
-        'at 0x38 a person at any other joystick overrides the computer.',
+        'Which joystick we are. A lower one overrides (Appendix B): at 0x38 a person at any other '
+        'joystick overrides the computer.',
         minimum=_FIRST,
         maximum=_LAST,
         hex_digits=2,
@@ -100,16 +99,16 @@ PARAMETERS = (
     Parameter(
         'device_pin',
         '',
-        "The unit's PIN, 15 characters such as 1032AE100801035; set it where there are two units. "
-        'Empty: the first unit of device_type.',
+        "The unit's PIN, such as 1032AE100801035; set it where there are two units. Empty: the "
+        'first unit of device_type.',
         check=_check_pin,
         section='the unit',
     ),
     Parameter(
         'device_type',
         1032,
-        'First four digits of the PIN, where device_pin is empty: 1032 (6032), 1033 (6033), 1040, '
-        '1042, 1052; 0: any monitor controller.',
+        'First four digits of the PIN: 1032 (6032), 1033 (6033), 1040, 1042, 1052; 0: any monitor '
+        'controller.',
         check=_check_type,
     ),
     Parameter(
@@ -131,7 +130,7 @@ PARAMETERS = (
     Parameter(
         'answer_timeout',
         1.0,
-        'A poll or request without an answer is given up after this long.',
+        'When a poll or request without an answer is given up.',
         unit='s',
         minimum=0.2,
         maximum=10.0,
@@ -139,8 +138,7 @@ PARAMETERS = (
     Parameter(
         'vista_rate',
         0.0,
-        'How often voltage and inputs of a 6032 are polled for /diagnostics, by the Vista message '
-        '21; 0: never.',
+        'How often voltage and inputs of a 6032 are polled (Vista message 21); 0: never.',
         unit='Hz',
         minimum=0.0,
         maximum=10.0,
@@ -155,8 +153,7 @@ PARAMETERS = (
     Parameter(
         'command_timeout',
         0.15,
-        'A ~/cmd_joy older than this is stale: neutral. The unit itself stops 0.2 s after our '
-        'last frame.',
+        'A ~/cmd_joy older than this is stale: neutral.',
         unit='s',
         minimum=0.04,
         maximum=2.0,
@@ -193,8 +190,8 @@ PARAMETERS = (
     Parameter(
         'pause_on_stop',
         False,
-        'Have a stop press switch 7 once for an oscillation that ~/cmd_joy began. Measure first '
-        'that type 81 says nothing of it in a pause.',
+        'Have a stop press switch 7 once for an oscillation that ~/cmd_joy began. Measure first: '
+        'docs/devices/akron.md.',
     ),
     Parameter(
         'extended',
@@ -204,8 +201,7 @@ PARAMETERS = (
     Parameter(
         'soe_permissive',
         False,
-        'Send A1, the permission to move in SOE mode, from a push of a stick on until the next '
-        'stop. Needed where nobody else sends it.',
+        'Send A1, the permission to move in SOE mode, from a push of a stick until the next stop.',
     ),
     Parameter(
         'joy_source',
@@ -217,8 +213,7 @@ PARAMETERS = (
     Parameter(
         'allowed_joysticks',
         [0],
-        'Addresses of joysticks that may send, each 0x33 to 0x38; [0]: none. Any other is '
-        'foreign: it drives the unit past the mux.',
+        'Joysticks that may send, each 0x33 to 0x38; [0]: none. Any other is foreign.',
         check=_check_allowed,
     ),
     DEADBAND,
@@ -226,8 +221,7 @@ PARAMETERS = (
     Parameter(
         'joint_names',
         ['rotation', 'elevation'],
-        "Names of the joints rotation and elevation in ~/joint_states, as in your robot's "
-        'description.',
+        "Joints of ~/joint_states, as in your robot's description.",
         check=_check_names,
         section='joint states',
     ),

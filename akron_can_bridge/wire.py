@@ -10,14 +10,16 @@ from typing import Any
 
 from akron_can_bridge.session import FILTERS, Resting, Session, Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.mux_words import MuxWords
 from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
+from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_channel import check_channel
 
 
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for the unit that the parameters name."""
-    return Session(Settings.from_parameters(values))
+    return Session(Settings.from_parameters(values), MuxWords.from_parameters(values))
 
 
 def make_resting_session(values: Mapping[str, Any]) -> Resting:
@@ -27,9 +29,6 @@ def make_resting_session(values: Mapping[str, Any]) -> Resting:
 
 def make_transport(values: Mapping[str, Any]) -> Transport[CanFrame]:
     """Return the CAN port, not yet open."""
-    # Late: it is the wire's process that needs python-can, not the node's.
-    from bridge_core.transports.can import CanTransport
-
     return CanTransport(
         values['interface'],
         values['channel'],
@@ -43,11 +42,4 @@ def check_port(values: Mapping[str, Any]) -> None:
     check_channel(values['interface'], values['channel'], values['bitrate'] or None)
 
 
-BRIDGE = Bridge(
-    __name__,
-    make_session,
-    make_transport,
-    make_resting_session,
-    check_port,
-    loads=('bridge_core.transports.can',),
-)
+BRIDGE = Bridge(__name__, make_session, make_transport, make_resting_session, check_port)

@@ -2,3 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """ESI Motion servo drives with the safety critical RS422 protocol (Stinger, Nova)."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

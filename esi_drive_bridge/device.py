@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bridge_core.device import Device, Simulation, Trial
+from bridge_core.device import Device, Hands, Simulation, Trial
+from esi_drive_bridge.reasons import REASONS
 
 
 def _simulation(values: Mapping[str, Any]) -> Simulation:
@@ -27,6 +28,13 @@ def _trial(mode: str, field: str, text: str) -> Trial:
         mode=mode,
         is_measured=True,
     )
+
+
+def _turned(values: Mapping[str, Any], seen: Mapping[str, Any]) -> dict[str, float]:
+    joints = list(values['joint_names'])
+    gears = list(values['gear_ratio']) * (len(joints) if len(values['gear_ratio']) == 1 else 1)
+    motors = zip(joints, gears, seen['position_rad'], strict=True)
+    return {joint: float(motor) / gear for joint, gear, motor in motors}
 
 
 DEVICE = Device(
@@ -52,7 +60,9 @@ DEVICE = Device(
         'speed': _trial('velocity', 'velocity', 'rad/s'),
         'effort': _trial('torque', 'effort', 'N·m, or A with torque_constant 0'),
     },
+    hands=Hands(turned=_turned),
     decoders='esi_drive_bridge.decoders:DECODERS',
     simulators='esi_drive_bridge.simulator:SIMULATORS',
     simulation=_simulation,
+    reasons=REASONS,
 )

@@ -11,6 +11,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -112,7 +113,9 @@ class EsiDriveBridge(BridgeNode[Event]):
         self._is_enabled = [each and self.active for each in self._is_enabled]
         for (_, enabled), value in zip(self._own, self._is_enabled, strict=False):
             enabled.publish(Bool(data=value))
-        self._enabled.publish(Bool(data=all(self._is_enabled)))
+        is_enabled = all(self._is_enabled)
+        self._enabled.publish(Bool(data=is_enabled))
+        self._stops.proofs.say_enabled(is_enabled, clock.now())
 
     def forget_device(self) -> None:
         """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""
@@ -127,7 +130,7 @@ class EsiDriveBridge(BridgeNode[Event]):
             joint_states = convert.joint_state(
                 event.status, self._axes, *self.header(), every_field=every
             )
-            self._joint_states.publish(joint_states)
+            self._joint_states.publish(self.vouched(joint_states))
         elif isinstance(event, EnabledChanged):
             self._is_enabled[event.group] = event.enabled
             self._say_enabled()

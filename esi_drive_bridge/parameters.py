@@ -26,22 +26,22 @@ PARAMETERS = (
     Parameter(
         'joint_names',
         ['left', 'right'],
-        'Joints of motor A and motor B, as the mux names them; one name for a single-axis drive. '
-        'The lists below have one element for all axes, or one an axis.',
+        'Joints of motor A and B, as the mux names them; one for a single-axis drive. The lists '
+        'below have one element for all axes, or one an axis.',
         section='the axes',
     ),
     Parameter(
         'single_axis_layout',
         'padded',
-        'Packets of a single-axis drive: padded to the dual lengths, or compact. The manual '
-        'leaves it open; try the other if no status is understood.',
+        'Packets of a single-axis drive: padded to the dual lengths, or compact. Try the other if '
+        'no status is understood.',
         choices=('padded', 'compact'),
     ),
     Parameter(
         'axes_enable',
         'together',
-        'together: a fault of one axis stops both. each: every axis is enabled, stopped and '
-        'cleared by itself, and needs ~/axis_a/enable or ~/axis_b/enable besides ~/enable.',
+        'together: a fault of one axis stops both. each: every axis by itself, by ~/axis_a/enable '
+        'or ~/axis_b/enable besides ~/enable.',
         choices=('together', 'each'),
         fixed=True,
     ),
@@ -94,7 +94,7 @@ PARAMETERS = (
     Parameter(
         'inverted',
         [False],
-        'The joint turns against its motor, as on one side of a vehicle.',
+        'The joint turns against its motor.',
     ),
     Parameter(
         'slew_limit',
@@ -119,7 +119,7 @@ PARAMETERS = (
     Parameter(
         'status_rate',
         500.0,
-        'How often the drive sends its status; used for a warning when the line is too slow.',
+        'How often the drive sends its status; for a warning when the line is too slow.',
         unit='Hz',
         minimum=1.0,
         maximum=1000.0,
@@ -135,8 +135,8 @@ PARAMETERS = (
     Parameter(
         'joint_state_fields',
         'measured',
-        'Fields of ~/joint_states. all: position, velocity and effort, NaN where nothing is '
-        'measured, as the topic based hardware of ros2_control needs them.',
+        'Fields of ~/joint_states. all: NaN where nothing is measured, as the topic based '
+        'hardware of ros2_control needs them.',
         choices=('measured', 'all'),
     ),
     Parameter(
@@ -151,7 +151,7 @@ PARAMETERS = (
     Parameter(
         'link_timeout',
         0.25,
-        'Without a status packet for this long, ~/estop is true and the drive is disabled.',
+        'Without a status for this long, ~/estop is true and the drive is disabled.',
         unit='s',
         minimum=0.02,
         maximum=5.0,
@@ -159,8 +159,8 @@ PARAMETERS = (
     Parameter(
         'enable_timeout',
         1.0,
-        'How long the drive may take to report enabled, or it is disabled; and to report '
-        'disabled, or it is a stop.',
+        'Within which the drive must report enabled, or it is disabled; and disabled, or it is a '
+        'stop.',
         unit='s',
         minimum=0.05,
         maximum=10.0,
@@ -168,7 +168,7 @@ PARAMETERS = (
     Parameter(
         'clear_timeout',
         1.0,
-        'How long the drive may take to clear its errors when asked.',
+        'Within which the drive must clear its errors when asked.',
         unit='s',
         minimum=0.05,
         maximum=10.0,

@@ -34,6 +34,7 @@ from bridge_core.framing import (
     MessageT,
     StreamParser,
 )
+from bridge_core.reasons import Coded
 
 HEADER = b'\xf0\xf0'
 CHECK_SIZE = 2
@@ -150,26 +151,52 @@ _STATES_A = tuple(AxisState(byte & 0x7F) for byte in range(256))
 _STATES_B = tuple(AxisState(byte & 0x3F) for byte in range(256))
 _ERRORS = tuple(MotorError(byte) for byte in range(256))
 _STATE_FAULTS = {
-    AxisState.OVERVOLTAGE: 'overvoltage: check the supply, and where braking energy goes',
-    AxisState.UNDERVOLTAGE: 'undervoltage: check supply, fuses and cable for sag under load',
-    AxisState.IPC_CAN_ERROR: 'CAN between the processors of the drive failed: power-cycle the '
-    'drive, and have it repaired if that does not help',
+    AxisState.OVERVOLTAGE: Coded(
+        'esi.overvoltage', 'overvoltage: check the supply, and where braking energy goes'
+    ),
+    AxisState.UNDERVOLTAGE: Coded(
+        'esi.undervoltage', 'undervoltage: check supply, fuses and cable for sag under load'
+    ),
+    AxisState.IPC_CAN_ERROR: Coded(
+        'esi.processors',
+        'CAN between the processors of the drive failed: power-cycle the '
+        'drive, and have it repaired if that does not help',
+    ),
 }
-RS422_FAULT = (
+RS422_FAULT = Coded(
+    'esi.line',
     'RS422 packet error or timeout: check the transmit pair, baud, single_axis_layout and '
-    "HiDS's SerialChecksumErrorCount; if they are sound and it stays, call ~/clear_errors"
+    "HiDS's SerialChecksumErrorCount; if they are sound and it stays, call ~/clear_errors",
 )
-_UNNAMED_FAULT = 'error condition without an error bit: read the cause with HiDS'
+_UNNAMED_FAULT = Coded(
+    'esi.unnamed', 'error condition without an error bit: read the cause with HiDS'
+)
 _MOTOR_FAULTS = {
-    MotorError.OVERCURRENT: 'overcurrent: check for a blocked or shorted motor',
-    MotorError.LOSS_OF_FEEDBACK: 'loss of feedback: check encoder or resolver and its cable',
-    MotorError.OVERSPEED: 'overspeed: check the load, the velocity limit and the loop tuning',
-    MotorError.MOTOR_TEMPERATURE: 'motor temperature: let the motor cool, check load and sensor',
-    MotorError.INTERNAL_TEMPERATURE: 'internal temperature: let the drive cool, check cooling',
-    MotorError.BRAKE: 'brake over- or undercurrent: check the brake and its wiring',
-    MotorError.CURRENT_CALIBRATION: 'phase current sensors failed to calibrate: power-cycle the '
-    'drive with the motor at rest',
-    MotorError.LOGIC_FAULT: 'logic voltage out of range: check the logic supply',
+    MotorError.OVERCURRENT: Coded(
+        'esi.overcurrent', 'overcurrent: check for a blocked or shorted motor'
+    ),
+    MotorError.LOSS_OF_FEEDBACK: Coded(
+        'esi.loss_of_feedback', 'loss of feedback: check encoder or resolver and its cable'
+    ),
+    MotorError.OVERSPEED: Coded(
+        'esi.overspeed', 'overspeed: check the load, the velocity limit and the loop tuning'
+    ),
+    MotorError.MOTOR_TEMPERATURE: Coded(
+        'esi.motor_temperature', 'motor temperature: let the motor cool, check load and sensor'
+    ),
+    MotorError.INTERNAL_TEMPERATURE: Coded(
+        'esi.internal_temperature', 'internal temperature: let the drive cool, check cooling'
+    ),
+    MotorError.BRAKE: Coded(
+        'esi.brake', 'brake over- or undercurrent: check the brake and its wiring'
+    ),
+    MotorError.CURRENT_CALIBRATION: Coded(
+        'esi.current_calibration',
+        'phase current sensors failed to calibrate: power-cycle the drive with the motor at rest',
+    ),
+    MotorError.LOGIC_FAULT: Coded(
+        'esi.logic_fault', 'logic voltage out of range: check the logic supply'
+    ),
 }
 _WARNING = 'the drive reports a warning: read it with HiDS'
 _FAULT_MASK = int(
@@ -303,13 +330,13 @@ class AxisStatus:
         """Any error bit at all is set, whatever the drive's own summary says."""
         return int(self.errors) | int(self.state) & _FAULT_MASK != 0
 
-    def shared_faults(self) -> list[str]:
+    def shared_faults(self) -> list[Coded]:
         """Name the error bits of what both axes depend on, with what to do."""
         ipc_can = self._has(AxisState.IPC_CAN_ERROR)
         texts = [_STATE_FAULTS[AxisState.IPC_CAN_ERROR]] if ipc_can else []
         return [*texts, RS422_FAULT] if self.rs422_error else texts
 
-    def faults(self) -> list[str]:
+    def faults(self) -> list[Coded]:
         """Name every error bit, with what to do; empty exactly if not ``faulty``."""
         texts = [text for flag, text in _MOTOR_FAULTS.items() if self.errors & flag]
         texts += [text for flag, text in _STATE_FAULTS.items() if self.state & flag]
@@ -356,10 +383,10 @@ class Status:
         """Any error bit of any axis is set."""
         return any(axis.faulty for axis in self.axes)
 
-    def faults(self, letters: str = AXIS_LETTERS) -> list[str]:
+    def faults(self, letters: str = AXIS_LETTERS) -> list[Coded]:
         """Name every error bit that concerns these axes, as 'axis A: overcurrent: ...'."""
         return [
-            f'axis {name}: {text}'
+            Coded(f'{text.code}.{name.lower()}', f'axis {name}: {text}', axis=name)
             for name, axis in self.lettered()
             for text in (axis.faults() if name in letters else axis.shared_faults())
         ]

@@ -2,3 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """The FORT Vehicle Safety Controller (VSC) and its Safe Remote Control (SRC)."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

@@ -37,9 +37,13 @@ def _heartbeat(value: Heartbeat, plain: Callable[[Any], Any]) -> dict[str, Any]:
     return {'mode': plain(value.mode), 'autonomy': autonomy, 'estop': estop}
 
 
+def _stops(message: object) -> bool | None:
+    return message.estop != 0 if isinstance(message, Heartbeat) else None
+
+
 DECODERS = Decoders(
     protocols=(
-        StreamDecoder(name='fort_serial', parser=parser),
+        StreamDecoder(name='fort_serial', parser=parser, stops=_stops),
         CanDecoder(name='fort_can', read=_read),
     ),
     plain=Plain(

@@ -6,7 +6,7 @@
 from collections.abc import Callable
 import re
 
-from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
+from bridge_core.parameters import DEADBAND, line_age_limit, Parameter, TOLERATE_FAULTY_AXES
 from fort_vsc_bridge.protocol.can import CanIds, MAX_IDENTIFIER
 from fort_vsc_bridge.protocol.frames import BAUD
 from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
@@ -65,16 +65,16 @@ PARAMETERS = (
     Parameter(
         'transport',
         'serial',
-        'How the VSC is joined: serial (USB or RS232), can (J1939) or hid (USB game controller). '
-        'Parameters of the others are ignored.',
+        'serial (USB or RS232), can (J1939) or hid (USB game controller). Parameters of the '
+        'others are ignored.',
         choices=('serial', 'can', 'hid'),
         section='the port',
     ),
     Parameter(
         'port',
         '/dev/fort_vsc',
-        'serial: device file, socket://host:port or rfc2217://host:port; RS232 is /dev/ttyS0, '
-        '/dev/ttyUSB0 ... hid: hidraw device, /dev/fort_vsc_hid by the udev rule.',
+        'serial: device file, socket://host:port or rfc2217://host:port. hid: hidraw device, '
+        '/dev/fort_vsc_hid by the udev rule.',
     ),
     Parameter(
         'baud',
@@ -87,12 +87,12 @@ PARAMETERS = (
     Parameter(
         'interface', 'socketcan', "can: python-can's kind of interface: socketcan, slcan ..."
     ),
-    Parameter('channel', 'can0', 'can: which one, such as can0, or /dev/ttyACM0 for slcan.'),
+    Parameter('channel', 'can0', 'can: can0, or /dev/ttyACM0 for slcan.'),
     Parameter(
         'bitrate',
         0,
-        'can: for interfaces that take one, such as slcan; 0: as it is set. The VSC takes 40000 '
-        'to 1000000, 250000 as a rule (table 6).',
+        'can: for slcan and the like; 0: as it is set. The VSC takes 40000 to 1000000, 250000 as '
+        'a rule (table 6).',
         'bit/s',
         0,
         1_000_000,
@@ -100,28 +100,26 @@ PARAMETERS = (
     Parameter(
         'hid.devices',
         ['2a99:d002', 'ffff:f005'],
-        'hid: USB vendor:product, in hexadecimal, that is taken for a VSC; any other device is '
-        'refused. none: also a FIFO, a pty or a file, for tests only.',
+        'hid: USB vendor:product, in hexadecimal; any other device is refused. none: also a FIFO, '
+        'a pty or a file, for tests only.',
         check=_hid_devices,
     ),
     _identifier(
         'left_basic',
-        'left X, Y, pad, from the VSC. An Akron monitor on this bus obeys the default, past the '
-        'mux.',
+        'left X, Y, pad. An Akron monitor on this bus obeys the default, past the mux.',
         section="CAN identifiers, 29 bits, as set in the VSC with the maker's tool (table 34)",
     ),
-    _identifier('left_extended', 'left Z, from the VSC. An Akron monitor obeys it, too.'),
-    _identifier('right_basic', 'right X, Y, pad, from the VSC.'),
-    _identifier('right_extended', 'right Z, from the VSC.'),
-    _identifier('heartbeat', 'mode, autonomy mode, e-stop indication, from the VSC.'),
-    _identifier('remote_status', 'battery and radio of the remote, from the VSC.'),
+    _identifier('left_extended', 'left Z. An Akron monitor obeys it, too.'),
+    _identifier('right_basic', 'right X, Y, pad.'),
+    _identifier('right_extended', 'right Z.'),
+    _identifier('heartbeat', 'mode, autonomy mode, e-stop indication.'),
+    _identifier('remote_status', 'battery and radio of the remote.'),
     _identifier('feedback_value', 'values, display mode, rumble, to the VSC.'),
     _identifier('feedback_string', 'names and text, to the VSC.'),
     Parameter(
         'vsc_heartbeat_rate',
         10.0,
-        'can: heartbeats of one VSC (table 34). Half as many more in a second are of two VSCs, '
-        'which is a stop.',
+        'can: heartbeats of one VSC (table 34). Half as many more are of two VSCs: a stop.',
         'Hz',
         1.0,
         100.0,
@@ -130,17 +128,20 @@ PARAMETERS = (
         'link_timeout',
         0.25,
         'Without a heartbeat of the VSC for this long, ~/estop is true. One comes every 50 ms '
-        '(can: 100 ms; hid: 62.5 ms), and the limit must be above that.',
+        '(can: 100 ms; hid: 62.5 ms).',
         's',
         0.06,
         5.0,
         section='timeouts',
     ),
+    line_age_limit(
+        'socket, rfc2217: ~/estop is true while what comes may be older than this, by a question '
+        'that the VSC answers; half of it is a warning. 0: off, and its age is not known.',
+    ),
     Parameter(
         'transition_time',
         2.0,
-        'A mode outside table 12 sets ~/estop at once, and ~/own_estop after this long: it may '
-        'be one between two modes.',
+        'A mode outside table 12 sets ~/estop at once, and ~/own_estop after this long.',
         's',
         0.0,
         10.0,
@@ -148,8 +149,7 @@ PARAMETERS = (
     Parameter(
         'heartbeat_rate',
         20.0,
-        'serial: of our heartbeat. With User E-STOP Timeout on, the VSC stops after 500 ms '
-        'without one (7.3.4): keep several within that.',
+        'serial: of our heartbeat. Keep several within the 500 ms of User E-STOP Timeout (7.3.4).',
         'Hz',
         4.0,
         20.0,
@@ -180,15 +180,14 @@ PARAMETERS = (
     Parameter(
         'read_identity',
         False,
-        'serial: ask for serial number and firmware. The manual does not have it: the setup of '
-        'the VSC is unlocked first, as a public driver does. Nothing is written.',
+        "serial: ask for serial number and firmware. It unlocks the VSC's setup, as a public "
+        'driver does and no manual says. Nothing is written.',
         section='what the VSC is',
     ),
     Parameter(
         'configure_device',
         False,
-        'Write device.* to the EEPROM of VSC and remote where it differs. False: nothing is '
-        'written. Every write wears the EEPROM.',
+        'Write device.* to the EEPROM of VSC and remote where it differs. Every write wears it.',
         section='what VSC and remote keep in EEPROM; -1 leaves a setting as it is',
     ),
     _setting(

@@ -10,6 +10,7 @@ from typing import Any
 
 from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
+from bridge_core.transports.can import CanTransport
 from bridge_core.transports.hidraw import HidrawTransport
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port, gap_of
@@ -33,21 +34,12 @@ def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
     """Return the port that ``transport`` names, not yet open."""
     wire = wire_of(values)
     if isinstance(wire, CanWire):
-        return _can_transport(values, wire.filters)
+        where = (values['interface'], values['channel'])
+        return CanTransport(*where, bitrate=values['bitrate'] or None, filters=wire.filters)
     if isinstance(wire, HidWire):
         return HidrawTransport(values['port'], REPORT_SIZE, values['hid.devices'])
     check_serial_port(values)
     return SerialTransport(values['port'], values['baud'])
-
-
-def _can_transport(values: Mapping[str, Any], filters: list[tuple[int, int]]) -> Transport[Any]:
-    try:
-        # Late: who has no CAN need not have python-can.
-        from bridge_core.transports.can import CanTransport
-    except ImportError as error:
-        raise ValueError(f"transport = 'can': {error}") from error
-    where = (values['interface'], values['channel'])
-    return CanTransport(*where, bitrate=values['bitrate'] or None, filters=filters)
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

@@ -2,3 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """The bridge of the Microbotics SSC: RC receiver as operator, servos as actuators."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

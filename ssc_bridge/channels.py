@@ -45,6 +45,14 @@ class _Named(CheckedSettings):
         for name, parameter in self._of_parameters().items():
             parameter.named(f'{self.prefix}.{name}').validate(getattr(self, name))
 
+    def _check_rising(self, us: tuple[int, int, int], *, gap: int) -> None:
+        """:raises ValueError: pulses are not ``gap`` µs apart or more, in their order."""
+        if min(us[1] - us[0], us[2] - us[1]) < gap:
+            pulses = ', '.join(map(str, us))
+            raise ValueError(
+                f'{self.prefix}: min_us, centre_us, max_us = {pulses}: rising numbers are needed'
+            )
+
 
 @dataclass(frozen=True)
 class AxisInput(_Named):
@@ -66,11 +74,7 @@ class AxisInput(_Named):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.min_us < self.centre_us < self.max_us:
-            pulses = f'{self.min_us}, {self.centre_us}, {self.max_us}'
-            raise ValueError(
-                f'{self.prefix}: min_us, centre_us, max_us = {pulses}: rising numbers are needed'
-            )
+        self._check_rising((self.min_us, self.centre_us, self.max_us), gap=1)
 
 
 @dataclass(frozen=True)
@@ -131,11 +135,7 @@ class Servo(_Named):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.min_us <= self.centre_us <= self.max_us:
-            limits = f'{self.min_us}, {self.centre_us}, {self.max_us}'
-            raise ValueError(
-                f'{self.prefix}: min_us, centre_us, max_us = {limits}: rising numbers are needed'
-            )
+        self._check_rising((self.min_us, self.centre_us, self.max_us), gap=0)
         if not self.rate_us_per_s > 0.0:
             raise ValueError(f'{self.prefix}.rate_us_per_s must be above 0')
         if self.failsafe is Failsafe.PULSE and not self.min_us <= self.failsafe_us <= self.max_us:

@@ -15,6 +15,11 @@ import ssc_bridge.protocol as ssc
 
 _LEAST_PACKETS = 2
 _OFFSETS = range(-8, 9)
+_SAFE: Mapping[str, Callable[[Mapping[str, Any], str], int | None]] = {
+    'pulse': lambda values, servo: int(values[f'{servo}failsafe_us']),
+    'release': lambda values, servo: 0,
+    'hold': lambda values, servo: None,
+}
 
 
 def _configuration(value: ssc.Configuration, plain: Callable[[Any], Any]) -> dict[str, Any]:
@@ -42,13 +47,25 @@ def count_offset(data: bytes) -> int:
     return offset if count >= _LEAST_PACKETS else 0
 
 
+def _rests(values: Mapping[str, Any], message: object) -> bool | None:
+    """Tell whether all servos are told to go to their failsafe."""
+    if not isinstance(message, ssc.PulseCommand):
+        return None
+    pulses = dict(enumerate(message.us, 1))
+    servos = [f'servo.{name}.' for name in values['servos'] if name]
+    safe = {servo: _SAFE[values[f'{servo}failsafe']](values, servo) for servo in servos}
+    return all(
+        us is None or pulses.get(values[f'{servo}channel']) == us for servo, us in safe.items()
+    )
+
+
 def _explain(data: bytes) -> tuple[str, Mapping[str, str]] | None:
     offset = count_offset(data)
     return ('other byte count', {'offset': f'{offset:+d}'}) if offset else None
 
 
 DECODERS = Decoders(
-    protocols=(StreamDecoder(name='ssc', parser=ssc.parser, explain=_explain),),
+    protocols=(StreamDecoder(name='ssc', parser=ssc.parser, explain=_explain, rests=_rests),),
     plain=Plain(
         values={
             ssc.Selection: lambda value, plain: str(value.text()),

@@ -5,7 +5,51 @@
 
 from __future__ import annotations
 
-from bridge_core.device import Device, Simulation, Trial
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from bridge_core.device import Device, Hands, Places, Simulation, Trial
+from ssc_bridge.reasons import REASONS
+
+_INVALID = 0x8000  # of the topics of pulses
+
+
+def _places(values: Mapping[str, Any], us: Any) -> dict[str, float]:
+    """Return where servos are, of the pulses of all outputs: -1 to 1 as commanded; NaN: none."""
+    found = {}
+    for name in filter(None, values['servos']):
+        channel, centre, low, high = (
+            int(values[f'servo.{name}.{part}'])
+            for part in ('channel', 'centre_us', 'min_us', 'max_us')
+        )
+        pulse = us[channel - 1] if channel <= len(us) else None
+        if pulse in (None, 0, _INVALID):
+            found[name] = math.nan
+            continue
+        way = pulse - centre
+        share = way / ((high - centre if way > 0 else centre - low) or 1)
+        found[name] = -share if values[f'servo.{name}.reversed'] else share
+    return found
+
+
+def _idle(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the failsafes."""
+    names = [name for name in values['servos'] if name]
+    kinds = {name: values[f'servo.{name}.failsafe'] for name in names}
+    pulses = [0] * 24
+    for name in names:
+        if kinds[name] == 'pulse':
+            pulses[values[f'servo.{name}.channel'] - 1] = values[f'servo.{name}.failsafe_us']
+    places = _places(values, pulses)
+    return {name: places[name] for name in names if kinds[name] != 'hold'}
+
+
+def _turned(values: Mapping[str, Any], seen: Mapping[str, Any]) -> dict[str, float]:
+    """Return where servos are, to the eye; a limp one is in the middle."""
+    places = _places(values, seen['outputs_us'])
+    return {name: 0.0 if math.isnan(place) else place for name, place in places.items()}
+
 
 DEVICE = Device(
     name='ssc_bridge',
@@ -29,7 +73,16 @@ DEVICE = Device(
             beside=('pulse_command',),
         ),
     },
+    hands=Hands(
+        turned=_turned,
+        places=Places(
+            'pulse_outputs', 'UInt16MultiArray', lambda values, each: _places(values, each.data)
+        ),
+        idle=_idle,
+        obeys=('commands not obeyed because', 'they are'),
+    ),
     decoders='ssc_bridge.decoders:DECODERS',
     simulators='ssc_bridge.simulator:SIMULATORS',
     simulation=lambda _: Simulation('pty', ('ssc',)),
+    reasons=REASONS,
 )

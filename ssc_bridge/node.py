@@ -112,7 +112,11 @@ class SscBridge(BridgeNode[Event]):
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What was sent is in force until a session undoes it, or the next one on its port."""
         sent = self._ports[values['port']]
-        return {OUTPUTS_SENT: sent.outputs, AUX_SET: (sent.aux, frozenset(sent.aux_set))}
+        return {
+            **super().carried_over(values),
+            OUTPUTS_SENT: sent.outputs,
+            AUX_SET: (sent.aux, frozenset(sent.aux_set)),
+        }
 
     def on_events(self, events: Sequence[Any], now: float) -> None:
         """Note at once what a wire that takes over has to know: it may do so behind a stop."""

@@ -21,8 +21,6 @@ from ssc_bridge.protocol import (
     REPEATED,
 )
 
-_RATES = 'For status, channel source, pulse outputs, pulse inputs, auxiliary inputs.'
-
 
 def _check_rates(values: list[float]) -> None:
     if len(values) != len(REPEATED):
@@ -68,8 +66,9 @@ GENERAL = (
     Parameter(
         'poll_rates',
         [20.0, 5.0, 10.0, 50.0, 10.0],
-        f'How often to ask for a message that does not come by itself; 0: never. {_RATES} '
-        "Status: twice within link_timeout. 'hold': the next two at 4 Hz.",
+        'How often to ask for what does not come by itself; 0: never. For status, channel source, '
+        'pulse outputs, pulse inputs, auxiliary inputs. Status: twice within link_timeout. '
+        "'hold': the next two at 4 Hz.",
         unit='Hz',
         minimum=0.0,
         maximum=100.0,
@@ -78,7 +77,7 @@ GENERAL = (
     Parameter(
         'message_rates',
         [0.0, 0.0, 0.0, 0.0, 0.0],
-        f'The rates in the menu of the SSC. {_RATES}',
+        'The rates in the menu of the SSC, in the order of poll_rates.',
         unit='Hz',
         minimum=0.0,
         maximum=50.0,
@@ -87,48 +86,46 @@ GENERAL = (
     Parameter(
         'first_input_nibble',
         0,
-        'The number of pulse input 1 in channel source messages, which the manual leaves open. '
-        'For texts only.',
+        'Number of pulse input 1 in channel source messages. For texts only.',
         minimum=0,
         maximum=1,
     ),
     Parameter(
         'config_id',
         -1,
-        'The configuration ID that the SSC must have (manual 3.2.2); another one is a stop, and '
-        'gets no command. -1: any.',
+        'Configuration ID of the SSC (manual 3.2.2); another one is a stop. -1: any.',
         minimum=-1,
         maximum=255,
     ),
     Parameter(
         'lockout_on_start',
         False,
-        'Lock the configuration menus out (message 98) as soon as the SSC is there.',
+        'Lock the configuration menus out (message 98).',
     ),
     Parameter(
         'estop_states',
         ['no signal'],
-        "The states of the command channel (pulse input 1) that are a stop; [''] for none.",
+        "States of the command channel (pulse input 1) that are a stop; ['']: none.",
         choices=('', *(state.text for state in CommandState)),
         section='stops',
     ),
     Parameter(
         'lost_link_is_stop',
         True,
-        '1.5 ms on the command channel means a lost transmitter (manual 2), and is a stop. False: '
-        'it is a position of your switch.',
+        '1.5 ms on the command channel is a lost transmitter (manual 2). False: a position of '
+        'your switch.',
     ),
     Parameter(
         'axes',
         ['turn', 'forward'],
-        "Names of the axes of ~/joy, in this order; [''] for none. Left and forward are positive.",
+        "Axes of ~/joy, in order; ['']: none. Left and forward are positive.",
         section='~/joy: an RC receiver as operator',
     ),
-    Parameter('buttons', ['deadman'], "Names of the buttons of ~/joy; [''] for none."),
+    Parameter('buttons', ['deadman'], "Buttons of ~/joy; ['']: none."),
     Parameter(
         'plausible_us',
         [700, 2300],
-        'The least and the greatest pulse of a control that is not faulty.',
+        'Least and greatest pulse of a sound control.',
         unit='µs',
         minimum=0,
         maximum=MAX_PULSE_US,
@@ -138,13 +135,13 @@ GENERAL = (
     Parameter(
         'servos',
         [''],
-        "Names of pulse outputs for ~/servo_command; [''] for none.",
+        "Pulse outputs for ~/servo_command; ['']: none.",
         section='pulse outputs',
     ),
     Parameter(
         'failsafe',
         'release',
-        'The failsafe of outputs without a name: the last pulse, or none.',
+        'Of outputs without a name: the last pulse, or none.',
         choices=('hold', 'release'),
     ),
     Parameter(
@@ -158,7 +155,7 @@ GENERAL = (
     Parameter(
         'command_timeout',
         0.25,
-        'The age at which a command or ~/estop_in is stale: outputs go to their failsafe.',
+        'When a command or ~/estop_in is stale: outputs go to their failsafe.',
         unit='s',
         minimum=0.02,
         maximum=5.0,
@@ -167,39 +164,39 @@ GENERAL = (
         'keep_aux_outputs',
         False,
         'A stop leaves the auxiliary outputs alone, and requests are obeyed. False: it undoes '
-        'what was set, and requests are refused.',
+        'what was set.',
         section='auxiliary outputs',
     ),
 )
 
 CALIBRATION = (
-    _channel('Pulse input of the axis; input 1 is the command channel.', MAX_INPUTS),
+    _channel('Pulse input; input 1 is the command channel.', MAX_INPUTS),
     _pulse('min_us', 1000, 'Pulse at the one end.'),
     _pulse('centre_us', 1500, 'Pulse at rest.'),
-    _pulse('max_us', 2000, 'Pulse at the other end, which is 1.'),
+    _pulse('max_us', 2000, 'Pulse at the other end: 1.'),
     Parameter('reversed', False, 'min_us is 1 instead.'),
     Parameter('deadband', 0.05, 'Deflection that still is 0.', minimum=0.0, maximum=0.9),
 )
 
 BUTTON = (
-    _channel('Pulse input of the button or switch.', MAX_INPUTS),
+    _channel('Pulse input.', MAX_INPUTS),
     Parameter(
         'thresholds_us',
         [1500],
-        'The button is the number of these that the pulse is above, in rising order.',
+        'In rising order; the button is the number of these below the pulse.',
         unit='µs',
         minimum=1,
         maximum=MAX_PULSE_US,
     ),
-    Parameter('reversed', False, 'Count the thresholds that the pulse is not above.'),
+    Parameter('reversed', False, 'Count those not below the pulse.'),
 )
 
 SERVO = (
-    _channel('Pulse output of the servo.', MAX_OUTPUTS),
+    _channel('Pulse output.', MAX_OUTPUTS),
     _pulse('min_us', 1000, 'Pulse of position -1. Only 0, no pulse, is shorter.'),
     _pulse('centre_us', 1500, 'Pulse of position 0.'),
     _pulse('max_us', 2000, 'Pulse of position 1. None is longer.'),
-    Parameter('reversed', False, 'Turn the sign of the position round.'),
+    Parameter('reversed', False, 'Turn the sign round.'),
     Parameter(
         'rate_us_per_s',
         2000.0,
@@ -211,10 +208,10 @@ SERVO = (
     Parameter(
         'failsafe',
         'release',
-        'While no command is fresh and allowed: a pulse of its own, the last one, or none.',
+        'Without a fresh, allowed command: its own pulse, the last one, or none.',
         choices=('pulse', 'hold', 'release'),
     ),
-    _pulse('failsafe_us', 1500, 'The pulse of failsafe pulse; from min_us to max_us.'),
+    _pulse('failsafe_us', 1500, 'Of failsafe pulse; from min_us to max_us.'),
 )
 
 # What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bridge_core.mux_words import MuxWords
 from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.serial_name import check_serial_port, gap_of
@@ -20,7 +21,7 @@ AUX_SET = 'what the auxiliary channels are, and which were set'
 
 def make_session(values: Mapping[str, Any]) -> Session:
     """Return a session for the configured channels, which knows what was sent to them."""
-    session = Session(Settings.from_parameters(values))
+    session = Session(Settings.from_parameters(values), MuxWords.from_parameters(values))
     session.expect_gaps(gap_of(values))
     if values.get(OUTPUTS_SENT):
         session.follow_on(values[OUTPUTS_SENT])

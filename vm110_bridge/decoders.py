@@ -48,6 +48,15 @@ def _named(content: vm110.Packet | Unknown) -> str:
     return message_name(content if isinstance(content, Unknown) else content.message)
 
 
+def _stops(content: vm110.Packet | Unknown) -> bool | None:
+    """Tell whether a VRPI says that the relays are open, or that its remote has stopped."""
+    message = None if isinstance(content, Unknown) else content.message
+    if not isinstance(message, vm110.PeriodicInput):
+        return None
+    stopped = message.ru_state == vm110.RuState.STOPPED
+    return stopped or message.bu_state < vm110.RELAYS_CLOSED
+
+
 def _checks(datagram: bytes) -> Sequence[str]:
     return [crc.value for crc in vm110.Crc if crc.is_good(datagram)]
 
@@ -59,7 +68,7 @@ def _packet(value: vm110.Packet, plain: Callable[[Any], Any]) -> dict[str, Any]:
 
 DECODERS = Decoders(
     protocols=(
-        StreamDecoder(name='vm110', parser=_parser, by_device=False, named=_named),
+        StreamDecoder(name='vm110', parser=_parser, by_device=False, named=_named, stops=_stops),
         DatagramDecoder(
             name='vm110', beginnings=_BEGINNINGS, read=_read, named=_named, checks=_checks
         ),

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import ipaddress
 from typing import Any
 
-from bridge_core.parameters import DEADBAND, Parameter, TOLERATE_FAULTY_AXES
+from bridge_core.parameters import DEADBAND, line_age_limit, Parameter, TOLERATE_FAULTY_AXES
 from vm110_bridge.protocol import AXIS_NAMES, Crc, MAX_BURST_DATA, SWITCH_NAMES
 
 OUTPUT_PORT_OFFSET = 2  # the output port is always input + 2 (manual 2.2)
@@ -52,44 +52,40 @@ PARAMETERS = (
     Parameter(
         'group',
         '239.255.42.20',
-        'IPv4 multicast address, as configured in the base unit, BU (manual 2.2).',
+        'IPv4 multicast address, as configured in the BU (manual 2.2).',
         check=_check_group,
         section='the network',
     ),
     Parameter(
         'input_port',
         5825,
-        'UDP port that the BU sends to, as configured there; ours to it is always 2 higher '
-        '(manual 2.2).',
+        'UDP port that the BU sends to; ours to it is always 2 higher (manual 2.2).',
         minimum=1,
         maximum=0xFFFF - OUTPUT_PORT_OFFSET,
     ),
     Parameter(
         'ttl',
         1,
-        'Multicast TTL; 1 stays in this network, 2 crosses one router, and so on.',
+        'Multicast TTL; 1 stays in this network, 2 crosses one router.',
         minimum=0,
         maximum=255,
     ),
     Parameter(
         'interface_address',
         '',
-        "IPv4 address of this computer's interface to the BU; set it where there are two. Empty: "
-        'the one that the routing table names.',
+        "IPv4 address of this computer's interface to the BU. Empty: as the routing table says.",
         check=_check_interface,
     ),
     Parameter(
         'allowed_sources',
         [''],
-        'IPv4 addresses that are listened to; datagrams from others are counted and dropped. '
-        "['']: any.",
+        "IPv4 addresses that are listened to; others are counted and dropped. ['']: any.",
         check=_check_sources,
     ),
     Parameter(
         'bu_id',
         0,
-        'Unique ID of the base unit. 0: the first one heard, and no other until the node is '
-        'activated again.',
+        'Unique ID of the BU. 0: the first one heard, until the node is activated again.',
         minimum=0,
         maximum=0xFFFF,
     ),
@@ -110,12 +106,15 @@ PARAMETERS = (
     Parameter(
         'link_timeout',
         0.5,
-        'Without a VRPI for this long, ~/estop is true. One comes every 0.125 s: four missing '
-        'ones are a fault, one is the network.',
+        'Without a VRPI for this long, ~/estop is true. One comes every 0.125 s.',
         unit='s',
         minimum=0.15,
         maximum=5.0,
         section='timeouts and periods',
+    ),
+    line_age_limit(
+        '~/estop is true while VRPI come this much later than before, by their serial numbers; '
+        'half of it is a warning. 0: off. A delay from the start on is not seen.',
     ),
     Parameter(
         'output_period',
@@ -137,7 +136,7 @@ PARAMETERS = (
     Parameter(
         'command_timeout',
         2.0,
-        'A command to the remote unit (VRCO) that is not acknowledged for this long is given up.',
+        'When a command to the remote unit (VRCO) is given up.',
         unit='s',
         minimum=0.2,
         maximum=60.0,
@@ -145,8 +144,8 @@ PARAMETERS = (
     Parameter(
         'periodic_output_size',
         0,
-        'Bytes of periodic data as configured in the BU: other lengths are refused, and zeros '
-        'sent until the first. 0: whatever ~/periodic_output brings.',
+        'Periodic data as configured in the BU: other lengths are refused, and zeros sent until '
+        'the first. 0: whatever ~/periodic_output brings.',
         unit='bytes',
         minimum=0,
         maximum=MAX_OUTPUT,
@@ -169,21 +168,21 @@ PARAMETERS = (
     Parameter(
         'accept_unarmed_commands',
         False,
-        'Deliver commands although no remote is armed. False: they are dropped.',
+        'Deliver commands although no remote is armed.',
     ),
     Parameter(
         'axis_inverted',
         [False],
-        'Turn the sign round, one for all four joysticks or one each. Left and forward are to be '
-        'positive in ~/joy: turn the stick and look.',
+        'Turn the sign round, one for all four joysticks or one each: left and forward are '
+        'positive in ~/joy.',
         check=_check_inverted,
         section='the sticks',
     ),
     Parameter(
         'led_switches',
         [0],
-        'Numbers of the switches that are push buttons with an LED; [0]: none. The BU adds 2 to '
-        'these while the LED is lit (manual 4.1.5); ~/joy has 0 or 1 of them.',
+        'Switches that are push buttons with an LED; [0]: none. The BU adds 2 to these while the '
+        'LED is lit (manual 4.1.5); ~/joy has 0 or 1.',
         minimum=0,
         maximum=len(SWITCH_NAMES),
         check=_check_leds,

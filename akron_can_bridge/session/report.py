@@ -37,6 +37,7 @@ def warnings(session: Session, now: float) -> list[str]:
     doubted = session.settings.pause_on_stop and session.oscillation.is_doubted
     return [
         *_ignored_causes(session, now),
+        *session.doubts(now),
         *[session.in_setup] * bool(session.in_setup),
         *[_NO_PAUSE] * doubted,
         *_bus_warnings(session, now),
@@ -123,6 +124,7 @@ def values(session: Session, now: float) -> dict[str, Any]:
         'motion reported': session.motion.describe(now) or 'none',
         'switch 7 pressed by stops': session.presses,
         'neutral because': '; '.join(session.inhibits(now)) or 'commands go out',
+        **session.mux.values(now),
         'refused commands': drive.refused,
         'frames of no concern': session.decoder.other_frames,
         'faults': 'not known' if session.unit.faults is None else in_words(session.unit.faults),

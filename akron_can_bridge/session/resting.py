@@ -8,6 +8,7 @@ from __future__ import annotations
 from akron_can_bridge.session.events import Event
 from akron_can_bridge.session.session import Session
 from bridge_core.j1939 import CanFrame
+from bridge_core.reasons import Coded
 from bridge_core.session import Output
 
 
@@ -19,7 +20,7 @@ class Resting(Session):
     on saying neutral leaves no doubt, and is seen to be alive.
     """
 
-    CLOSED = 'the node is not active'
+    CLOSED = Coded('node.inactive', 'the node is not active')
 
     def _begin(self, now: float) -> None:
         self.drive.start(now)

@@ -21,8 +21,10 @@ from akron_can_bridge.session.joysticks import Joysticks
 from akron_can_bridge.session.motion import Demand, Motion, Oscillation
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import NO_FAULT, Unit
+from bridge_core.actuator import ActuatorSession
 from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
-from bridge_core.session import Answer, Level, Pacer, Session as BaseSession, Verdict
+from bridge_core.mux_words import MuxWords
+from bridge_core.session import Answer, Level, Pacer, Verdict
 
 # Types that count whoever sends them: announcements, and broadcasts of a 6033 and a 6039.
 _FROM_ANYONE = tuple(
@@ -44,16 +46,16 @@ _AT_REST = {
 }
 
 
-class Session(BaseSession[CanFrame, Received, Event]):
+class Session(ActuatorSession[CanFrame, Received, Event]):
     """One unit on one CAN bus; see bridge_core.session."""
 
     HELD = 'neutral'
     # What is damaged on the line a CAN controller drops.
     DAMAGED = 'look for another device on this bus, or another firmware'
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, mux: MuxWords | None = None) -> None:
         self.decoder = FrameDecoder(self._concerns_us, self._is_ours)
-        super().__init__(self.decoder, settings.link_timeout)
+        super().__init__(self.decoder, settings.link_timeout, mux)
         self.settings = settings
         self.finder = Finder(settings)
         self.unit = Unit(settings.link_timeout)
@@ -90,7 +92,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     def inhibits(self, now: float) -> list[str]:
         """Return why nothing but neutral goes to the unit; empty while commands do."""
-        return self.drive.inhibits(now, [*self.stop_reasons(now), *self._busy()])
+        stops = [*self.stop_reasons(now), *self._busy(), *self.mux.stops(now)]
+        return self.drive.inhibits(now, stops)
 
     @property
     def in_setup(self) -> str:
@@ -219,8 +222,8 @@ class Session(BaseSession[CanFrame, Received, Event]):
             others = self.joysticks.present(now) or not self.finder.alone
             if others or (self.drive.pushes and not self.drive.oscillates):
                 self.oscillation.disown()
-        self.demand.follow(now, stopped=bool(self.drive.forbidden(now, self._holds())))
-        if reasons := self.drive.watch(now, self._holds()):
+        self.demand.follow(now, stopped=bool(self.drive.forbidden(now, self._holds(now))))
+        if reasons := self.drive.watch(now, self._holds(now)):
             self._emit(events.Stopped(reasons))
         self._emit_all(self.joysticks.expire(now, stopped=self.estop))
         self.unit.expire(now)
@@ -239,7 +242,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         return self.drive.due  # what waits longer goes with a slot
 
     def _due_frames(self, now: float) -> list[CanFrame]:
-        stopped = self.demand.withheld or self.drive.forbidden(now, self._holds())
+        stopped = self.demand.withheld or self.drive.forbidden(now, self._holds(now))
         permitted = Permission(0) if stopped else self.drive.directions(now)
         return [
             *self.drive.joystick_frames(now),
@@ -252,7 +255,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
     def set_command(self, basic: BasicJoystick, extended: ExtendedJoystick, now: float) -> None:
         """Take a command; see the module ``drive`` for what it takes to go out."""
         self._expire(now)
-        self.drive.set_command(Command(basic, extended), now, self._holds())
+        self.drive.set_command(Command(basic, extended), now, self._holds(now))
         self._refresh(now)
 
     def refuse_command(self, reason: str, now: float) -> None:
@@ -261,9 +264,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         self.drive.refuse_command(reason, now)
         self._refresh(now)
 
-    def set_estop(self, value: bool, now: float) -> None:
-        """Take the e-stop input; true stops even if false follows before the next poll."""
-        self._expire(now)
+    def _obey_stop(self, value: bool, now: float) -> None:
         self.drive.set_estop(value, now)
         self._refresh(now)
 
@@ -344,7 +345,7 @@ class Session(BaseSession[CanFrame, Received, Event]):
         if not self.settings.pause_on_stop:
             return
         self.oscillation.hear_limits(message, now)
-        if not (self.oscillation.is_ours and self.drive.forbidden(now, self._holds())):
+        if not (self.oscillation.is_ours and self.drive.forbidden(now, self._holds(now))):
             return
         if self._busy() or not self.motion.moving(now):
             self.oscillation.disown()
@@ -354,9 +355,9 @@ class Session(BaseSession[CanFrame, Received, Event]):
 
     # -- questions to the unit --------------------------------------------------------------------
 
-    def _holds(self) -> list[str]:
+    def _holds(self, now: float) -> list[str]:
         """Return all that keeps the frames neutral, apart from the inputs."""
-        return [*self.verdict.reasons, *self._busy()]
+        return [*self.verdict.reasons, *self._busy(), *self.mux.stops(now)]
 
     def _busy(self) -> list[str]:
         busy = [text for request, text in _AT_REST.items() if self._asker.is_open(request)]

@@ -24,7 +24,15 @@ from akron_can_bridge.protocol import (
 from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.settings import Settings
 from akron_can_bridge.session.unit import Unit
+from bridge_core.reasons import Coded
 
+_ENABLE_UNKNOWN = Coded(
+    'akron.enable.unknown', 'the enable input is not known: no digital outputs (type 83) come'
+)
+_DISABLED = Coded(
+    'akron.enable.off',
+    'check what the unit is enabled by: the enable input is not asserted',
+)
 MOTOR_FAULTS = (
     Fault.MOTOR_AXIS_1
     | Fault.MOTOR_AXIS_2
@@ -57,10 +65,11 @@ def causes(
 
 def motion(what: str) -> str:
     """Say that the unit moves although nobody asks it to. :param what: oscillates, moves."""
-    return (
+    text = (
         f'stop the unit by its own controls, or call ~/reset_controller: it {what} though nobody '
         'asks it to, and a neutral stick does not end that'
     )
+    return Coded('akron.motion', text)
 
 
 def silent(foreign: str, silence: str) -> dict[Cause, str]:
@@ -81,40 +90,50 @@ def silence(settings: Settings, finder: Finder, heard: str, misfit: str) -> str:
         others = ', '.join(finder.devices)
         text = f'no unit was found (wanted: {wanted})'
         if others:
-            return f'set device_pin or device_type: {text}; heard instead: {others}'
-        return f"check the unit's power, CAN wiring and termination, 250 kbit/s, channel: {text}"
+            text = f'set device_pin or device_type: {text}; heard instead: {others}'
+            return Coded('akron.link.another', text)
+        text = f"check the unit's power, CAN wiring and termination, 250 kbit/s, channel: {text}"
+        return Coded('akron.link.not_found', text)
     if finder.address is None:
-        return f'unit {finder.name} has no address at present; it is asked to announce itself'
+        text = f'unit {finder.name} has no address at present; it is asked to announce itself'
+        return Coded('akron.link.no_address', text)
     if misfit:
-        return (
+        text = (
             f'ask the maker about the firmware of unit {finder.name}: its messages come, and none '
             f'is as in the manual: {misfit}'
         )
-    return f'check power and CAN wiring of unit {finder.name}: it is silent, {heard}'
+        return Coded('akron.link.misfit', text)
+    text = f'check power and CAN wiring of unit {finder.name}: it is silent, {heard}'
+    return Coded('akron.link.silent', text)
 
 
 def _enable_missing(unit: Unit, now: float) -> str:
     outputs = unit.broadcast(DigitalOutputs, now)
     if outputs is None:
-        return 'the enable input is not known: no digital outputs (type 83) come'
+        return _ENABLE_UNKNOWN
     if Output.ENABLE not in outputs.outputs:
-        return 'check what the unit is enabled by: the enable input is not asserted'
+        return _DISABLED
     return ''
 
 
 def _mini_faulted(unit: Unit, now: float) -> str:
     mini = unit.broadcast(MiniOutputs, now)
     if mini is None:
-        return 'faults are not known: no digital outputs (type 84) come'
+        text = 'faults are not known: no digital outputs (type 84) come'
+        return Coded('akron.fault.unknown', text)
     if MiniOutput.DEVICE_FAULTED in mini.outputs:
-        return 'see its reference manual: the unit reports device faulted'
+        text = 'see its reference manual: the unit reports device faulted'
+        return Coded('akron.fault.device', text)
     return ''
 
 
 def _motor_fault(status: FaultStatus | None) -> str:
     if status is None:
-        return 'faults are not known: the fault status poll (type 02) has no answer'
+        text = 'faults are not known: the fault status poll (type 02) has no answer'
+        return Coded('akron.fault.unknown', text)
     faults = status.faults & MOTOR_FAULTS
     if not faults:
         return ''
-    return f'check that motor, its wiring, what blocks it: {", ".join(flag_names(faults))} fault'
+    names = ', '.join(flag_names(faults))
+    text = f'check that motor, its wiring, what blocks it: {names} fault'
+    return Coded('akron.fault.motor', text, axes=names)

@@ -9,7 +9,7 @@ from akron_can_bridge.protocol import is_pin
 from akron_can_bridge.simulator.controls import JOYSTICK_TIMEOUT
 from akron_can_bridge.simulator.joystick import JoystickSimulator
 from akron_can_bridge.simulator.motion import PERMISSIVE_TIMEOUT
-from akron_can_bridge.simulator.unit import BOOT_TIME, Simulator, STATUS_PERIOD
+from akron_can_bridge.simulator.unit import BOOT_TIME, Simulator
 from bridge_core.options import whole_within
 from bridge_core.simulation import help_text, Simulated
 
@@ -59,7 +59,6 @@ __all__ = [
     'JOYSTICK_TIMEOUT',
     'PERMISSIVE_TIMEOUT',
     'SIMULATORS',
-    'STATUS_PERIOD',
     'JoystickSimulator',
     'Simulator',
 ]

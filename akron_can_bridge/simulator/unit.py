@@ -55,6 +55,20 @@ def _switch_axes(device_type: int) -> dict[int, tuple[int, int]]:
     return axes
 
 
+def _setter(name: str, read: Callable[[str], Any]) -> Callable[[Any, str], None]:
+    """Return what sets an attribute, such as motion.soe, to what ``read`` makes of a word."""
+    place, _, last = name.rpartition('.')
+
+    def act(unit: Any, word: str) -> None:
+        setattr(getattr(unit, place) if place else unit, last, read(word))
+
+    return act
+
+
+def _up_to(most: int) -> Callable[[str], int]:
+    return lambda word: int(within(word, 0, most))
+
+
 class Simulator:
     """
     A unit, and on its bus a 6039 CAN I/O module if its inputs are used.
@@ -371,38 +385,29 @@ class Simulator:
         self.power = switch(value)
         self.restart()
 
-    def _set_number(self, name: str, value: str, most: int) -> None:
-        setattr(self, name, int(within(value, 0, most)))
-
-    def _set_switch(self, name: str, value: str) -> None:
-        setattr(self, name, switch(value))
-
-    def _set_motion(self, name: str, value: str) -> None:
-        setattr(self.motion, name, switch(value))
-
     # Words: usage, and what obeys.
     commands: Commands = {
-        'enable': ('on|off', lambda unit, value: unit._set_motion('enabled', value)),
-        'soe': ('on|off', lambda unit, value: unit._set_motion('soe', value)),
-        'setup': ('on|off', lambda unit, value: unit._set_motion('setup', value)),
-        'pointaim': ('on|off', lambda unit, value: unit._set_motion('point_aim', value)),
-        'oscillate': ('on|off', lambda unit, value: unit._set_motion('oscillating', value)),
-        'pause': ('on|off', lambda unit, value: unit._set_motion('paused', value)),
-        'pausetold': ('on|off', lambda unit, value: unit._set_motion('tells_pause', value)),
+        'enable': ('on|off', _setter('motion.enabled', switch)),
+        'soe': ('on|off', _setter('motion.soe', switch)),
+        'setup': ('on|off', _setter('motion.setup', switch)),
+        'pointaim': ('on|off', _setter('motion.point_aim', switch)),
+        'oscillate': ('on|off', _setter('motion.oscillating', switch)),
+        'pause': ('on|off', _setter('motion.paused', switch)),
+        'pausetold': ('on|off', _setter('motion.tells_pause', switch)),
         'stow': ('', lambda unit: unit.motion.go(stow=True)),
         'deploy': ('', lambda unit: unit.motion.go(stow=False)),
         'position': ('AXIS DEGREES', _set_position),
         'limit': ('left|right|down|up DEGREES', _set_soft_limit),
         'physical': ('AXIS -1..1', _set_physical),
         'fault': ('NAME on|off', _set_fault),
-        'pcode': ('0..65535', lambda unit, value: unit._set_number('pcode', value, 0xFFFF)),
+        'pcode': ('0..65535', _setter('pcode', _up_to(0xFFFF))),
         'sensor': ('rotation|elevation ok|error|unavailable', _set_sensor),
-        'calibrated': ('on|off', lambda unit, value: unit._set_switch('calibrated', value)),
+        'calibrated': ('on|off', _setter('calibrated', switch)),
         'output': ('NAME on|off', _set_output),
         'input': ('stow|deploy|allowed on|off', _set_input),
-        'voltage': ('0..1023', lambda unit, value: unit._set_number('voltage', value, 1023)),
+        'voltage': ('0..1023', _setter('voltage', _up_to(1023))),
         'address': ('80..F7', _set_address),
-        'mute': ('on|off', lambda unit, value: unit._set_switch('muted', value)),
+        'mute': ('on|off', _setter('muted', switch)),
         'power': ('on|off', _set_power),
         'reboot': ('', restart),
     }

@@ -264,9 +264,11 @@ class AxisGroup:
         self.gate.reject_command(reason, now)
         self.watch(now)
 
-    def set_enable(self, topic: str, value: bool, now: float) -> tuple[str, ...]:
-        """Take an enable input; return why it goes true in vain, in words."""
+    def set_enable(self, topic: str, value: bool | None, now: float) -> tuple[str, ...]:
+        """Take an enable input, as of Gate; return why it goes true in vain, in words."""
         self._enables[topic].feed(now)
+        if value is None:
+            return self.gate.hear_enable(None, now)
         self._enable_values[topic] = value
         is_true = all(self._enable_values.values())
         stops = () if is_true and self.gate.is_open else self._stops(now)  # they change nothing

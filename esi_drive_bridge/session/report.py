@@ -8,13 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bridge_core.reasons import Coded, passed_on
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import AxisStatus, RS422_FAULT, Status, VALUE_MAX
 
 Lettered = Iterable[tuple[str, AxisStatus]]  # axes with their letters in the manual
 _NEAR = VALUE_MAX // 100  # counts between sent and measured that are always near enough
 
-THEN_CLEAR = 'then call ~/clear_errors, as the drive keeps its errors until it is asked'
+THEN_CLEAR = Coded(
+    'esi.clear', 'then call ~/clear_errors, as the drive keeps its errors until it is asked'
+)
 
 
 def status_values(status: Status, axes: Sequence[Axis]) -> dict[str, Any]:
@@ -56,7 +59,9 @@ def own_silence(faults: Sequence[str], gap: float) -> list[str]:
     """Name this node as the cause of an RS422 error, where it sent nothing for ``gap`` s."""
     why = f'RS422 timeout, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '
     why += 'less work; call ~/clear_errors if it stays'
-    return [text.replace(RS422_FAULT, why) for text in faults] if gap else list(faults)
+    if not gap:
+        return list(faults)
+    return [passed_on(text, text.replace(RS422_FAULT, why)) for text in faults]
 
 
 def second_axis(status: Status) -> list[str]:
@@ -81,8 +86,12 @@ def still_enabled(measured: Lettered, limit: float | None) -> list[str]:
         else f'still enabled {limit * 1e3:.0f} ms after disable was sent'
     )
     return [
-        f'cut the power of axis {name}, then check our pair to the drive, and who else commands '
-        f'it: it is {what}'
+        Coded(
+            'esi.disobeys',
+            f'cut the power of axis {name}, then check our pair to the drive, and who else '
+            f'commands it: it is {what}',
+            axis=name,
+        )
         for name, axis in measured
         if axis.enabled
     ]

@@ -9,7 +9,11 @@ from collections.abc import Iterable, Sequence
 import math
 from typing import Any
 
-from bridge_core.session import Answer, Level, Session as BaseSession, Verdict
+from bridge_core.actuator import ActuatorSession
+from bridge_core.gate import State
+from bridge_core.mux_words import MuxWords
+from bridge_core.reasons import Coded
+from bridge_core.session import Answer, Level, Verdict
 from esi_drive_bridge.protocol import AXIS_LETTERS, Command, Status, status_parser
 from esi_drive_bridge.session.events import (
     AxesVerdict,
@@ -37,14 +41,14 @@ def own_topic(number: int, name: str) -> str:
     return f'axis_{AXIS_LETTERS[number].lower()}/{name}'
 
 
-class Session(BaseSession[bytes, Status, Event]):
+class Session(ActuatorSession[bytes, Status, Event]):
     """One drive on one port; see bridge_core.session."""
 
-    CLOSED = 'the port is closed'
+    CLOSED = Coded('port.closed', 'the port is closed')
     HELD = 'disabled'
 
-    def __init__(self, settings: Settings) -> None:
-        super().__init__(status_parser(settings.layout), settings.link_timeout)
+    def __init__(self, settings: Settings, mux: MuxWords | None = None) -> None:
+        super().__init__(status_parser(settings.layout), settings.link_timeout, mux)
         self.settings = settings
         self._period = 1.0 / settings.command_rate
         self._reporting = True
@@ -60,14 +64,14 @@ class Session(BaseSession[bytes, Status, Event]):
     def _make_groups(self) -> tuple[AxisGroup, ...]:
         both = slice(0, self.settings.layout.axes)
         if not self.settings.is_each:
-            return (AxisGroup(self.settings, both, stops=self._stops, emit=self._emit),)
+            return (AxisGroup(self.settings, both, stops=self._forbids, emit=self._emit),)
         return tuple(
             AxisGroup(
                 self.settings,
                 slice(number, number + 1),
                 name=f'axis {AXIS_LETTERS[number]}',
                 enables=(ENABLE, f'~/{own_topic(number, "enable")}'),
-                stops=self._stops,
+                stops=self._forbids,
                 emit=self._emit,
             )
             for number in range(both.stop)
@@ -102,7 +106,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def warnings(self, now: float) -> list[str]:
         """Return what is not a stop but not right either, in words."""
-        texts = list(self.settings.line_warnings())
+        texts = [*self.settings.line_warnings(), *self.doubts(now)]
         if self.link_up and self.status is not None:
             texts += self.status.warnings() + second_axis(self.status)
         return texts + [text for group in self.groups for text in group.warnings(now)]
@@ -117,7 +121,7 @@ class Session(BaseSession[bytes, Status, Event]):
 
     def values(self, now: float) -> dict[str, Any]:
         """Return phase, inhibits, counters and every bit of the status."""
-        values: dict[str, Any] = {'disabled because': '; '.join(self.inhibits(now))}
+        values = {'disabled because': '; '.join(self.inhibits(now)), **self.mux.values(now)}
         for group in self.groups:
             values |= group.values()
         if self.status is not None:
@@ -125,6 +129,16 @@ class Session(BaseSession[bytes, Status, Event]):
         return values
 
     # The link's side; the base has the rest.
+
+    def may_wait(self) -> bool:
+        """Tell whether statuses may: nothing moves, nobody listens, and no frame is partial."""
+        return (
+            self.link_up
+            and not self._reporting
+            and not any(self._enabled)
+            and all(group.phase is Phase.DISABLED for group in self.groups)
+            and self._decoder.deadline == math.inf
+        )
 
     def farewell(self, now: float) -> list[bytes]:
         """Return disable packets, as the port closes on purpose."""
@@ -223,14 +237,20 @@ class Session(BaseSession[bytes, Status, Event]):
             return list(verdict.stops[self.groups.index(group)])
         return list(verdict.reasons)
 
+    def _forbids(self, group: AxisGroup, now: float) -> list[str]:
+        """Return why this group must not move, by the age of the mux's words, too."""
+        return self._stops(group, now) + self.mux.stops(now)
+
     def _silence(self, now: float) -> str:
-        to_do = "check power, the receive pair, and HiDS's SerialInterfaceEnable"
+        what, to_do = 'silent', "check power, the receive pair, and HiDS's SerialInterfaceEnable"
         if self._garbled(now):
+            what = 'garbled'
             to_do = (
                 'check baud, that port is the drive, and single_axis_layout, as bytes come, but '
                 'no frame'
             )
-        return f'{to_do}: no status from the drive, {self._heard.describe(now)}'
+        text = f'{to_do}: no status from the drive, {self._heard.describe(now)}'
+        return Coded(f'esi.link.{what}', text)
 
     def _follow(self, now: float) -> None:
         if not self.link_up:
@@ -297,22 +317,24 @@ class Session(BaseSession[bytes, Status, Event]):
     def set_enable(self, value: bool, now: float) -> None:
         """Take the enable input; only an edge from false to true, heard both, enables."""
         self._expire(now)
+        self._obey_enable(self.mux.hear_enable(value, now), now)
+
+    def _obey_enable(self, value: bool | None, now: float, *, fell: bool = False) -> None:
         for group in self.groups:
-            self._set_enable(group, ENABLE, value, now)
+            is_shut = group.gate.state is State.SHUT
+            self._set_enable(group, ENABLE, None if fell and is_shut else value, now)
 
     def set_axis_enable(self, number: int, value: bool, now: float) -> None:
         """Take the enable input of one axis, which must be true as well."""
         self._expire(now)
         self._set_enable(self.groups[number], f'~/{own_topic(number, "enable")}', value, now)
 
-    def _set_enable(self, group: AxisGroup, topic: str, value: bool, now: float) -> None:
+    def _set_enable(self, group: AxisGroup, topic: str, value: bool | None, now: float) -> None:
         vain = group.set_enable(topic, value, now)
         if vain and self._open:
             self._emit(EnableRefused(vain, group.name))
 
-    def set_estop(self, value: bool, now: float) -> None:
-        """Take the e-stop input; a true stops even if a false follows before the next poll."""
-        self._expire(now)
+    def _obey_stop(self, value: bool, now: float) -> None:
         for group in self.groups:
             group.set_estop(value, now)
 

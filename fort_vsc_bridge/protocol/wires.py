@@ -62,6 +62,11 @@ class Wire:
     NO_REMOTE_STATUS: ClassVar[str]  # what to do where no remote status message comes
 
     @property
+    def queues(self) -> bool:
+        """Whether the line may hold back what comes. USB, RS232 and CAN do not."""
+        return False
+
+    @property
     def most_heartbeats(self) -> float:
         """How many one VSC sends in a second; infinite where no other one can be on the line."""
         return math.inf
@@ -94,7 +99,11 @@ class Wire:
 
 @dataclass(frozen=True)
 class SerialWire(Wire):
-    """The packet protocol over USB or RS232: bytes in any split."""
+    """
+    The packet protocol over USB or RS232: bytes in any split.
+
+    :param network: it goes over one, by a serial server.
+    """
 
     NAME = 'serial'
     # Table 17. It gives no rate for message control, which is written to EEPROM: no faster than
@@ -116,6 +125,13 @@ class SerialWire(Wire):
     JOYSTICK_ONLY = 'enable its heartbeat message, as joystick messages do come'
     NO_JOYSTICK = 'set device.joystick_interval_ms'
     NO_REMOTE_STATUS = 'set device.remote_status_interval_ms once, with configure_device'
+
+    network: bool = False
+
+    @property
+    def queues(self) -> bool:
+        """Whether the line may hold back what comes, as a network may."""
+        return self.network
 
     def decoder(self, timeout: float) -> Decoder[Any, Received]:
         """Return the parser of the stream; every message is whole there."""

@@ -6,42 +6,79 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
+from bridge_core.reasons import Coded
 from bridge_core.session import Level
+from bridge_core.watchdog import in_words
 from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
 from fort_vsc_bridge.protocol.values import CONNECTED_MODES, estop_sources, Mode, mode_name
 from fort_vsc_bridge.session.device import OVERRULED, REFUSED, UNANSWERED
+from fort_vsc_bridge.session.line_age import LineAge
 from fort_vsc_bridge.session.stops import ANYBODY
 
-TWO_VSCS = (
+TWO_VSCS = Coded(
+    'fort.link.two_vscs',
     'take one of two VSCs off this bus, or change its identifiers; else set vsc_heartbeat_rate: '
-    'heartbeats come more often than one VSC sends them'
+    'heartbeats come more often than one VSC sends them',
 )
-LOOPED_BACK = 'look for RX wired to TX, or an echo on the line: our own frames come back'
-DEAF = (
+LOOPED_BACK = Coded(
+    'fort.link.looped', 'look for RX wired to TX, or an echo on the line: our own frames come back'
+)
+DEAF = Coded(
+    'fort.link.deaf',
     'check the line from this computer to the VSC (its serial RX), then press a wired stop: it is '
-    'asked to stop, and does not'
+    'asked to stop, and does not',
+)
+_LATE = Coded(
+    'fort.line.late',
+    'look at the network to the serial server: what comes over this line is up to {} old, '
+    'line_age_limit is {}',
+)
+_SLOW = Coded(
+    'fort.line.slow',
+    'look at the network to the serial server: the VSC answers after {}, line_age_limit is {}',
+)
+UNBOUNDED = Coded(
+    'fort.line.unbounded',
+    'set line_age_limit: this line goes over a network, and nobody knows how old what comes is',
+)
+UNANSWERED_AGE = Coded(
+    'fort.line.no_answer',
+    "look at the VSC's firmware, or join it by USB, RS232 or CAN: it does not answer the question "
+    'for key 85, so nobody knows how old what comes over this network is',
 )
 _LOW_BATTERY_PERCENT = 20
+_BATTERY = Coded('fort.battery.low', 'charge the remote: its battery is at {percent} %')
 _STATUS_TIME = 5.0  # s with a remote and without a remote status message that are no accident
-_WEAK_RADIO = (
+_WEAK_RADIO = Coded(
+    'fort.radio.weak',
     'bring the remote nearer, or its way to the VSC clear of metal: the radio is at its weakest '
-    '(strength 0), and the next step is a stop'
+    '(strength 0), and the next step is a stop',
 )
 _QUIET: dict[
     Mode | int, str
 ] = {  # why sticks are zeroed without a stop, and what ends it (6.2 to 6.4)
-    Mode.REMOTE: 'bring the remote into Operational mode: it is in Remote mode, where its sticks '
-    'are 0 until its operator is ready',
-    Mode.MENU: 'leave the menu of the remote: it is in Menu mode, where its sticks are 0',
-    Mode.PAUSE: 'take the remote in hand, hold it upright and leave Pause mode on it: its Pause '
-    'button, its orientation, a free fall or inactivity has paused it, so its sticks are 0',
+    Mode.REMOTE: Coded(
+        'fort.remote.not_operational',
+        'bring the remote into Operational mode: it is in Remote mode, where its sticks '
+        'are 0 until its operator is ready',
+    ),
+    Mode.MENU: Coded(
+        'fort.remote.menu',
+        'leave the menu of the remote: it is in Menu mode, where its sticks are 0',
+    ),
+    Mode.PAUSE: Coded(
+        'fort.remote.paused',
+        'take the remote in hand, hold it upright and leave Pause mode on it: its Pause '
+        'button, its orientation, a free fall or inactivity has paused it, so its sticks are 0',
+    ),
 }
 _SETTINGS_TO_DO = {
-    REFUSED: "see the VSC's firmware and the maker's tool",
-    UNANSWERED: 'connect a remote, and see that the VSC hears this computer',
-    OVERRULED: 'change the parameter, or what ~/set_user_value says',
+    REFUSED: ('refused', "see the VSC's firmware and the maker's tool"),
+    UNANSWERED: ('unanswered', 'connect a remote, and see that the VSC hears this computer'),
+    OVERRULED: ('overruled', 'change the parameter, or what ~/set_user_value says'),
 }
 
 
@@ -93,7 +130,7 @@ def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
         return problems
     battery = remote.battery_percent
     if battery is not None and battery <= _LOW_BATTERY_PERCENT and not remote.charging:
-        problems.append((Level.WARN, f'charge the remote: its battery is at {battery} %'))
+        problems.append((Level.WARN, _BATTERY.filled(percent=battery)))
     if remote.strength_vsc == 0:
         problems.append((Level.WARN, _WEAK_RADIO))
     return problems
@@ -107,16 +144,45 @@ def setting_problems(
 
     :param states: by name. :param passed_over: parameters that are given, but not written.
     """
-    problems = [
-        (Level.WARN, f'{_SETTINGS_TO_DO[state]}: device.{name}: {state}')
-        for name, state in states.items()
-        if state in _SETTINGS_TO_DO
-    ]
+    problems: list[tuple[Level, str]] = []
+    for name, state in states.items():
+        if state in _SETTINGS_TO_DO:
+            word, to_do = _SETTINGS_TO_DO[state]
+            text = f'{to_do}: device.{name}: {state}'
+            problems.append((Level.WARN, Coded(f'fort.setting.{word}', text, name=name)))
     if passed_over:
         names = ', '.join(passed_over)
         text = f'set configure_device, or leave {names} out: nothing is written while it is false'
-        problems.append((Level.WARN, text))
+        problems.append((Level.WARN, Coded('fort.setting.not_written', text, names=names)))
     return problems
+
+
+def late(line: LineAge, now: float) -> str:
+    """Say how old what comes over the line may be."""
+    return _LATE.filled(in_words(now - line.as_of), in_words(line.limit))
+
+
+def line_problems(line: LineAge | None, *, queues: bool) -> list[tuple[Level, str]]:
+    """Say what is not known of the age of what comes, or is more than half of its limit."""
+    if not queues:
+        return []
+    if line is None:
+        return [(Level.WARN, UNBOUNDED)]
+    if line.is_silent:
+        return [(Level.WARN, UNANSWERED_AGE)]
+    if math.isfinite(line.trip) and line.trip >= line.limit / 2:
+        return [(Level.WARN, _SLOW.filled(in_words(line.trip), in_words(line.limit)))]
+    return []
+
+
+def line_values(line: LineAge | None, now: float) -> dict[str, Any]:
+    """Return how old what comes may be; nothing where the line holds nothing back."""
+    if line is None:
+        return {}
+    age, trip = (
+        each if math.isfinite(each) else 'not known' for each in (now - line.as_of, line.trip)
+    )
+    return {'age of the line, at most (s)': age, 'answer of the VSC after (s)': trip}
 
 
 def heartbeat_values(heartbeat: Heartbeat | None) -> dict[str, Any]:

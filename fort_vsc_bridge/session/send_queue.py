@@ -52,6 +52,15 @@ class SendQueue:
             ):
                 self._shown[message.TYPE, key] = message
 
+    def put_first(self, message: Message) -> None:
+        """Queue a message before all others of its type."""
+        line = self._lines[message.TYPE]
+        self._lines[message.TYPE] = {_key_of(message): message, **line}
+
+    def has(self, message: Message) -> bool:
+        """Tell whether a message of this type and key waits."""
+        return _key_of(message) in self._lines[message.TYPE]
+
     def shows(self, key: int) -> bool:
         """Tell whether a value for this key was ever set to be shown."""
         return (MessageType.USER_FEEDBACK, key) in self._shown

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bridge_core.reasons import Coded
 from bridge_core.session import Level, Pacer, Session as BaseSession, StickStream, Verdict
 from bridge_core.watchdog import RateWatch, Watchdog
 from fort_vsc_bridge.protocol.frames import MessageType, Received, Rejected
@@ -38,6 +39,7 @@ from fort_vsc_bridge.session import report
 from fort_vsc_bridge.session.device import Configurator
 from fort_vsc_bridge.session.events import Event, GpsSentence, ModeChanged, RemoteState, UserValue
 from fort_vsc_bridge.session.identity import IdentityReader
+from fort_vsc_bridge.session.line_age import AGE_KEY, LineAge
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.software_stop import SoftwareStop
@@ -48,13 +50,17 @@ _LATELY = 3.0  # seconds for which what came once is named, and a line counts as
 _LONGEST_INTERVAL = 65.535  # seconds between two remote status messages (7.3.5)
 _STATUS_INTERVALS = 3  # that may pass without one
 _SHORTEST_STATUS_TIME = 5.0  # seconds
+_AGE_QUESTION = UserFeedbackGet(AGE_KEY)
+_AGE_FRAME = _AGE_QUESTION.to_bytes()
 
 
 class Session(BaseSession[Frame, Received, Event]):
     """One VSC on one wire; see bridge_core.session."""
 
     HELD = 'sticks are 0'
-    CLOSED = 'plug the VSC in, and check port (can: channel): it is not open'
+    CLOSED = Coded(
+        'fort.port.closed', 'plug the VSC in, and check port (can: channel): it is not open'
+    )
 
     def __init__(self, settings: Settings) -> None:
         wire, timeout = settings.wire, settings.link_timeout
@@ -82,11 +88,15 @@ class Session(BaseSession[Frame, Received, Event]):
         self._judgement = StopJudge(settings.transition_time)
         rate = settings.wire.most_heartbeats
         self._rate = RateWatch(rate) if math.isfinite(rate) else None
+        limit, wire = settings.line_age_limit, settings.wire
+        self._line = LineAge(limit, wire.INTERVAL) if wire.queues and limit else None
+        self._asked_age = False  # somebody else asked for the value of that key
         self._stop = SoftwareStop(
             settings.software_estop_timeout, required=settings.require_software_estop
         )
         self._offered: tuple[Frame, str] | None = None  # our heartbeat, what ends the stop in it
-        self._pacer = Pacer(1.0 / settings.heartbeat_rate)
+        period = 1.0 / settings.heartbeat_rate
+        self._pacer = Pacer(period, early=period / 4)
         self._queue = SendQueue(wire)
         self._device = Configurator(settings.to_configure, self._queue)
         self._identity = IdentityReader(self._queue, wanted=settings.read_identity)
@@ -113,6 +123,12 @@ class Session(BaseSession[Frame, Received, Event]):
         """Sticks count: Operational by a fresh heartbeat, and no stop."""
         return self.mode == Mode.OPERATIONAL and not self.verdict.estop
 
+    def as_of(self, now: float) -> float:
+        """Return when the newest heartbeat was said, at the earliest."""
+        if self._line is not None:
+            return self._line.said_at
+        return -math.inf if self.settings.wire.queues else now - self._heard.age(now)
+
     @property
     def setting_states(self) -> dict[str, str]:
         """State in words of every wanted setting of the device; empty unless configured."""
@@ -124,14 +140,16 @@ class Session(BaseSession[Frame, Received, Event]):
         problems = super().problems(now)
         if self.faulty:
             text = f'have the remote repaired: it reports {", ".join(self.faulty)}'
-            problems.append((Level.ERROR, text))
+            problems.append((Level.ERROR, Coded('fort.stick.faulty', text)))
         if self.link_up and not self._rejected_lately.expired(now):
-            problems.append((Level.ERROR, self._rejection))
+            problems.append((Level.ERROR, Coded('fort.link.foreign', self._rejection)))
         if self.link_up and now >= self._settled_at:
             if self._judgement.awaits_stop and not self.estop:
                 problems.append((Level.ERROR, report.DEAF))
             if self._joystick_heard.expired(now):
-                problems.append((Level.WARN, f'{wire.NO_JOYSTICK}: no joystick messages come'))
+                text = f'{wire.NO_JOYSTICK}: no joystick messages come'
+                problems.append((Level.WARN, Coded('fort.link.no_joystick', text)))
+        problems += report.line_problems(self._line, queues=wire.queues)
         problems += report.remote_problems(self.remote_status)
         problems += report.setting_problems(self.setting_states, self.settings.passed_over)
         if self.software_estop_refused:
@@ -139,7 +157,7 @@ class Session(BaseSession[Frame, Received, Event]):
                 f'wire that stop elsewhere: transport {wire.NAME} cannot carry software_estop, '
                 'but it comes, and the VSC does not stop'
             )
-            problems.append((Level.ERROR, text))
+            problems.append((Level.ERROR, Coded('fort.stop.not_carried', text)))
         if not self._looped_back_lately.expired(now):
             problems.append((Level.WARN, report.LOOPED_BACK))
         return problems
@@ -163,6 +181,7 @@ class Session(BaseSession[Frame, Received, Event]):
             'faulty controls': ', '.join(self.faulty) or 'none',
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,
+            **report.line_values(self._line, now),
             **self._identity.values,
             **{f'setting {name}': state for name, state in self.setting_states.items()},
             **report.remote_values(self.remote_status),
@@ -193,6 +212,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._judgement.asked(remedy, now)
         else:
             self._queue.sent(frame, now)
+            if self._line is not None and frame == _AGE_FRAME:
+                self._line.asked(now)
 
     def _begin(self, now: float) -> None:
         self._stop.opened()
@@ -200,6 +221,8 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
+        if self._line is not None:
+            self._line.begin(now)
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
             self._pacer.start(now)
 
@@ -221,6 +244,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._newest = message
             self._heard.feed(now)
             self._judgement.heard(message, now)
+            if self._line is not None:
+                self._line.heard(now)
             if self._rate is not None:
                 self._rate.feed(now)
         elif isinstance(message, Joystick):
@@ -233,15 +258,25 @@ class Session(BaseSession[Frame, Received, Event]):
                 self._events.append(GpsSentence(message.source, message.sentence.strip('\r\n\0 ')))
         elif isinstance(message, UserFeedback):
             # On a line that loops it may be one of ours, which looks the same (table 17).
-            if self.link_up and self._looped_back_lately.expired(now):
-                if setting := self._device.keys.get(message.key):
-                    setting.answered(message.value, now)
-                self._events.append(UserValue(message.key, message.value))
+            if self._looped_back_lately.expired(now):
+                self._take_value(message, now)
         elif isinstance(message, SetupString):
             self._identity.answered(message)
         else:
             self.looped_back += 1
             self._looped_back_lately.feed(now)
+
+    def _take_value(self, message: UserFeedback, now: float) -> None:
+        asked = True
+        if self._line is not None and message.key == AGE_KEY:
+            self._line.answered(now)
+            asked, self._asked_age = self._asked_age, False
+        if not self.link_up:
+            return
+        if setting := self._device.keys.get(message.key):
+            setting.answered(message.value, now)
+        if asked:
+            self._events.append(UserValue(message.key, message.value))
 
     def _take_remote_status(self, message: RemoteStatus, now: float) -> None:
         """Take it for as long as a few more of them take: their interval is the device's."""
@@ -268,19 +303,24 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
         verdict = self._judgement.judge(self._newest, now)
-        two = self._rate is not None and self._rate.exceeded(now)
-        return Verdict.stop(report.TWO_VSCS, *verdict.reasons) if two else verdict
+        reasons: list[str] = []
+        if self._rate is not None and self._rate.exceeded(now):
+            reasons.append(report.TWO_VSCS)
+        if self._line is not None and self._line.is_late(now):
+            reasons.append(report.late(self._line, now))
+        return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
 
     def _silence(self, now: float) -> str:
         wire = self.settings.wire
-        to_do = wire.SILENCE
+        what, to_do = 'silent', wire.SILENCE
         if not self._rejected_lately.expired(now):
-            to_do = self._rejection
+            what, to_do = 'foreign', self._rejection
         elif wire.GARBLED and self._garbled(now):
-            to_do = wire.GARBLED
+            what, to_do = 'garbled', wire.GARBLED
         elif self._joystick_alone and not self._joystick_heard.expired(now):
-            to_do = wire.JOYSTICK_ONLY
-        return f'{to_do}: no {wire.SIGN_OF_LIFE}, {self._heard.describe(now)}'
+            what, to_do = 'no_heartbeat', wire.JOYSTICK_ONLY
+        text = f'{to_do}: no {wire.SIGN_OF_LIFE}, {self._heard.describe(now)}'
+        return Coded(f'fort.link.{what}', text)
 
     def _follow(self, now: float) -> None:
         newest, stopped = self.heartbeat, self.verdict.estop
@@ -321,18 +361,24 @@ class Session(BaseSession[Frame, Received, Event]):
             moments.append(self._remote_expires_at)
         if self._rate is not None and self._rate.exceeded(self._stepped_at):
             moments.append(self._rate.until)
+        if self._line is not None:
+            moments.append(self._line.changes_at(self._stepped_at))
         return min(moments)
 
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline, self._stop.deadline]
         if self.verdict.link_up:
             due += [self._device.deadline, self._identity.due]
+        if self._line is not None and not self._queue.has(_AGE_QUESTION):
+            due.append(self._line.ask_at)
         return min(due)
 
     def _due_frames(self, now: float) -> list[Frame]:
         if self.verdict.link_up:
             self._device.poll(now, remote_connected=self.remote_connected)
             self._identity.poll(now)
+        if self._line is not None and now >= self._line.ask_at:
+            self._queue.put_first(_AGE_QUESTION)
         return self._heartbeat_frames(now) + self._queue.due(now)
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
@@ -405,6 +451,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self._expire(now)
         if key not in VALUE_RANGES:
             raise ValueError(f'key {key} cannot be asked for; keys are 1-12, 80-85, 99')
+        self._asked_age |= key == AGE_KEY
         self._queue.put(UserFeedbackGet(key))
 
     def rumble(self, left: bool, right: bool, now: float) -> None:

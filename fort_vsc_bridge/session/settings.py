@@ -59,6 +59,7 @@ class Settings(CheckedSettings):
     wire: Wire = field(default_factory=SerialWire)
     device: DeviceSettings = field(default_factory=DeviceSettings)
     link_timeout: float = _TABLE['link_timeout'].default
+    line_age_limit: float = _TABLE['line_age_limit'].default
     transition_time: float = _TABLE['transition_time'].default
     heartbeat_rate: float = _TABLE['heartbeat_rate'].default
     software_estop_timeout: float = _TABLE['software_estop_timeout'].default
@@ -120,7 +121,7 @@ def wire_of(values: Mapping[str, Any]) -> Wire:
     if values['transport'] == 'hid':
         return HidWire()
     if values['transport'] == 'serial':
-        return SerialWire()
+        return SerialWire(network='://' in values['port'])
     try:
         ids = CanIds(**{name: values[f'can.{name}'] for name in CanIds().by_name})
         return CanWire(ids, values['vsc_heartbeat_rate'])

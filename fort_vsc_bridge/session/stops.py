@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+from bridge_core.reasons import Coded
 from bridge_core.session import Verdict
 from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.values import (
@@ -27,11 +28,28 @@ ECHO_DELAY = 0.5
 OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not hear us
 ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
 _NO_REMOTE: dict[int, str] = {
-    mode: 'switch the remote on, bring it into reach, acknowledge on it: mode is '
-    f'{mode_name(mode)}, so none is connected, or a stop not acknowledged yet'
+    mode: Coded(
+        'fort.remote.off',
+        'switch the remote on, bring it into reach, acknowledge on it: mode is '
+        f'{mode_name(mode)}, so none is connected, or a stop not acknowledged yet',
+        mode=mode_name(mode),
+    )
     for mode in MODES_AFTER_A_STOP
 }
+_STRANGE = Coded(
+    'fort.mode.strange',
+    'restart the VSC if this lasts, look at its LED, check its firmware: mode is '
+    '{mode}, so it does not say that it works',
+)
 _USER = 'VSC reports e-stop: USER (this computer)'
+_NOT_ASKED_NOW = Coded(
+    'fort.estop.held', f'acknowledge on the remote: {_USER}, not asked any more'
+)
+_NEVER_ASKED = Coded(
+    'fort.estop.held',
+    f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
+    '(User E-STOP Timeout), or an earlier one leave it set?',
+)
 
 
 class StopJudge:
@@ -88,31 +106,34 @@ class StopJudge:
             return Verdict()
         user = heartbeat.estop & EStopBits.USER
         others = heartbeat.estop & ~int(EStopBits.USER)
-        reasons = []
+        reasons: list[str] = []
         if others:
-            sources = ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(others))
-            reasons.append(
-                f'release the stop at {sources}, then acknowledge it on the '
-                'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
-            )
+            reasons.append(_pressed(heartbeat, others))
         if user:
             reasons.append(self._user_reason())
         if heartbeat.mode in _NO_REMOTE:
             reasons.append(_NO_REMOTE[heartbeat.mode])
         elif heartbeat.mode not in CONNECTED_MODES:
-            reasons.append(
-                'restart the VSC if this lasts, look at its LED, check its firmware: mode is '
-                f'{mode_name(heartbeat.mode)}, so it does not say that it works'
-            )
+            mode = mode_name(heartbeat.mode)
+            reasons.append(_STRANGE.filled(mode=mode))
         own = others or now >= self.becomes_own_at or (user and not self._echo)
         return Verdict(True, bool(own), reasons=tuple(reasons))
 
-    def _user_reason(self) -> str:
+    def _user_reason(self) -> Coded:
         if self._asked:
-            return f'{self._asked}, then acknowledge on the remote: {_USER}, as this node asks'
-        if self._echo:
-            return f'acknowledge on the remote: {_USER}, not asked any more'
-        return (
-            f'acknowledge on the remote: {_USER}, not asked by this node; did its heartbeats fail '
-            '(User E-STOP Timeout), or an earlier one leave it set?'
-        )
+            text = f'{self._asked}, then acknowledge on the remote: {_USER}, as this node asks'
+            return Coded('fort.estop.asked', text)
+        return _NOT_ASKED_NOW if self._echo else _NEVER_ASKED
+
+
+def _pressed(heartbeat: Heartbeat, bits: int) -> Coded:
+    sources = ANYBODY if heartbeat.autonomy is None else ', '.join(estop_sources(bits))
+    code = 'any' if heartbeat.autonomy is None else 'unknown'
+    for mask, word in ((EStopBits.VSC, 'wired'), (EStopBits.SRC, 'remote')):
+        if bits & mask and heartbeat.autonomy is not None:
+            code = word
+    text = (
+        f'release the stop at {sources}, then acknowledge it on the '
+        'remote: VSC reports e-stop (SRC: button, or out of reach; VSC: both wired loops)'
+    )
+    return Coded(f'fort.estop.{code}', text, bits=bits)

@@ -4,8 +4,8 @@
 """
 An SSC's configuration image: what the unit prints and takes as ASCII hex, 36 bytes a line (3.1).
 
-The manual prints one image and describes none. This layout was read out of that one; decision 10
-says how sure each part is.
+The manual prints one image and describes none. This layout was read out of that one, as the last
+column says.
 
 ======  ====  ============================================  =================================
 offset  size  content                                       why
@@ -177,7 +177,9 @@ class Image:
         for row in range(PULSE_CHANNELS):
             yield from self._row(row)
         for channel in range(AUX_CHANNELS):
-            yield self._field(_AUX + 2 * channel, 2, aux_text, f'aux {channel + 1}')
+            yield self._field(
+                _AUX + 2 * channel, 2, lambda word: function_of(word).text, f'aux {channel + 1}'
+            )
         for place, message in enumerate(REPEATED):
             yield self._field(_RATES + place, 1, rate_text, f'rate of message {message}')
         yield from map(self._unknown, _UNKNOWN)
@@ -188,8 +190,8 @@ class Image:
         for column, state in enumerate(STATES):
             offset = _TABLE + len(STATES) * row + column
             yield self._field(offset, 1, source_text, group, f'at {state}')
-        yield self._field(_CONSTANTS + 2 * row, 2, us_text, group, 'constant')
-        yield self._field(_PERIODS + 2 * row, 2, us_text, group, 'period')
+        yield self._field(_CONSTANTS + 2 * row, 2, '{} µs'.format, group, 'constant')
+        yield self._field(_PERIODS + 2 * row, 2, '{} µs'.format, group, 'period')
 
     def _unknown(self, offset: int) -> Field:
         return self._field(offset, 1, '0x{:02X} (not known)'.format, f'byte {offset}')
@@ -231,16 +233,6 @@ def source_text(byte: int) -> str:
         word = 'PIN' if selection.source == Source.PIN else 'PINv'
         return f'{word} (nibble {selection.nibble})'
     return selection.text()
-
-
-def us_text(us: int) -> str:
-    """Return a pulse width or period."""
-    return f'{us} µs'
-
-
-def aux_text(word: int) -> str:
-    """Return an auxiliary function as the menu of 3.2 prints it."""
-    return function_of(word).text
 
 
 def rate_text(code: int) -> str:

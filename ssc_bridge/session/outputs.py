@@ -112,6 +112,7 @@ class Outputs:
         self._pacer = Pacer(1.0 / settings.command_rate)
         self._stepped = -math.inf
         self._urgent = False  # a failsafe has begun, and what was sent before is in force
+        self._returns = False  # the next message is the first one after a gap
         self._in_use = bool(settings.servos)  # outputs are ours: there is something to undo
         self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
         self._looks_until: float | None = None  # at least, while something to be held is sought
@@ -123,6 +124,7 @@ class Outputs:
         """Take the outputs as ours, as a session before this one has left them."""
         self.claim()
         self.sent = tuple(states)
+        self._returns = True
         for channel, state in zip(self._channels, states, strict=False):
             channel.go_on(state)
 
@@ -147,6 +149,7 @@ class Outputs:
         """Send no more: the port is closed, and all commands are forgotten."""
         self._pacer.stop()
         self._urgent = False
+        self._returns = bool(self.sent)
 
     def ask(self, number: int, us: float, now: float) -> None:
         """Command an output, 1 to 23, in µs; 0 is no pulse."""
@@ -196,6 +199,9 @@ class Outputs:
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         channels = self._channels[:count]
+        if self._returns:  # the failsafe comes first, however soon somebody commands anew
+            for channel in channels:
+                channel.command.reset()
         states = tuple(channel.after(seconds) for channel in channels)
         driven = any(channel.command.heard for channel in channels) or any(us for us, *_ in states)
         releases = self._release_frames if driven else self._releases - 1
@@ -214,7 +220,7 @@ class Outputs:
 
     def _step_on(self, now: float) -> None:
         self._pacer.sent(now)
-        self._stepped, self._urgent = now, False
+        self._stepped, self._urgent, self._returns = now, False, False
 
     def expires_at(self) -> float:
         """Return when the next command becomes stale."""

@@ -23,7 +23,7 @@ ECHO = 'is RX wired to TX, or echo on? Our own frames come back'
 
 def problems(session: Session, now: float) -> list[tuple[Level, str]]:
     """Return controls that are not believed, what does not come, and warnings."""
-    texts = [*_missing(session, now), *warnings(session)]
+    texts = [*_missing(session, now), *warnings(session), *session.doubts(now)]
     if session.sticks_missing(now):
         texts.append(NO_INPUTS)
     if not session.echo.expired(now):
@@ -43,7 +43,7 @@ def _missing(session: Session, now: float) -> list[str]:
     if session.gate.stop.expired(now):
         return [f'{session.HELD}: {text}' for text in session.gate.forbidden(now)]
     names = session.outputs.without_command()
-    if not names or session.gate.forbidden(now):
+    if not names or session.forbidden(now):
         return []
     text = f'no fresh command for {", ".join(names)}; start the node that commands them'
     return [f'{session.HELD}: {text}']
@@ -80,6 +80,7 @@ def values(session: Session, now: float) -> dict[str, Any]:
         'faulty controls': ', '.join(session.sticks.faulty) or 'none',
         'outputs commanded': ', '.join(commanded) or 'none',
         'commands not obeyed because': '; '.join(session.inhibits(now)) or obeyed,
+        **session.mux.values(now),
         'limited commands': session.outputs.limited,
         'refused commands': session.refused_commands,
         'own frames that came back': session.looped_back,

@@ -9,8 +9,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
+from bridge_core.actuator import ActuatorSession
 from bridge_core.gate import Gate, Policy
-from bridge_core.session import Level, Session as BaseSession, Verdict
+from bridge_core.mux_words import MuxWords
+from bridge_core.reasons import Coded
+from bridge_core.session import Level, Verdict
 from bridge_core.watchdog import Watchdog
 from ssc_bridge.channels import AuxRequest
 from ssc_bridge.protocol import (
@@ -63,14 +66,16 @@ _NOT_LOCKED = (
 )
 
 
-class Session(BaseSession[bytes, Message | Poll, Event]):
+class Session(ActuatorSession[bytes, Message | Poll, Event]):
     """One SSC on one port; see bridge_core.session."""
 
-    CLOSED = 'the port to the SSC is not open; plug it in, check the parameter port'
+    CLOSED = Coded(
+        'port.closed', 'the port to the SSC is not open; plug it in, check the parameter port'
+    )
     HELD = 'outputs at failsafe'
 
-    def __init__(self, settings: Settings) -> None:
-        super().__init__(parser(settings.baud), settings.link_timeout)
+    def __init__(self, settings: Settings, mux: MuxWords | None = None) -> None:
+        super().__init__(parser(settings.baud), settings.link_timeout, mux)
         self.settings = settings
         self.status: Status | None = None  # the newest, while the link is up
         self.configuration: Configuration | None = None  # of what is, or was last, on this port
@@ -110,7 +115,11 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     def inhibits(self, now: float) -> list[str]:
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
-        return self.gate.forbidden(now, self.stop_reasons(now)) if self.is_commanded else []
+        return self.forbidden(now) if self.is_commanded else []
+
+    def forbidden(self, now: float) -> list[str]:
+        """Return what forbids commands, whether there are any or not, in words."""
+        return self.gate.forbidden(now, [*self.stop_reasons(now), *self.mux.stops(now)])
 
     def problems(self, now: float) -> list[tuple[Level, str]]:
         """Return stops, controls that are not believed, what does not come, and warnings."""
@@ -276,18 +285,21 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
     def _silence(self, now: float) -> str:
         age = self._heard.describe(now)
         if self._garbled(now) and self.counters.malformed > self.counters.frames:
-            return (
+            text = (
                 'update the firmware of the SSC, or report it with a capture: its packets come, '
                 f'but their byte count is not that of the manual (4.1); no status: {age}'
             )
+            return Coded('ssc.link.byte_count', text)
         if self._garbled(now):
-            return (
+            text = (
                 'check baud (an SSC has 115200), that port is the SSC, and that it is not in its '
                 f'configuration menus: bytes come, but no frame; no status: {age}'
             )
-        return (
+            return Coded('ssc.link.garbled', text)
+        return Coded(
+            'ssc.link.silent',
             "check the SSC's power, the serial cable, that this port is its Primary Comm, that it "
-            f'is not in its configuration menus: no status from the SSC: {age}'
+            f'is not in its configuration menus: no status from the SSC: {age}',
         )
 
     def _follow(self, now: float) -> None:
@@ -301,7 +313,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
             self._emit(SourcesChanged(tuple(self.source_texts())))
         if sticks := self.sticks.lapse(now, link_up=self.link_up, stopped=self.verdict.estop):
             self._emit(sticks)
-        self._stop(self.gate.watch(now, self.verdict.reasons), now)
+        self._stop(self.gate.watch(now, [*self.verdict.reasons, *self.mux.stops(now)]), now)
         self._begin_failsafe(self.outputs.expire(now), ['the command is stale'])
         if now >= self._lockout.deadline:
             self._finish_lockout(False, _NOT_LOCKED)
@@ -329,9 +341,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
 
     # What the node asks.
 
-    def set_estop(self, value: bool, now: float) -> None:
-        """Take the e-stop input; a true stops even if a false follows before the next poll."""
-        self._expire(now)
+    def _obey_stop(self, value: bool, now: float) -> None:
         self.gate.hear_stop(value, now)
         self._refresh(now)
 
@@ -375,8 +385,7 @@ class Session(BaseSession[bytes, Message | Poll, Event]):
         if not self._confirmed:
             raise ValueError('the SSC has not reported yet what its auxiliary channels are')
         if not (self.gate.is_open or self.settings.keep_aux_outputs):
-            reasons = self.gate.forbidden(now, self.stop_reasons(now))
-            raise ValueError(f'stopped: {"; ".join(reasons)}')
+            raise ValueError(f'stopped: {"; ".join(self.forbidden(now))}')
         self._aux_outputs.ask(requests)
 
     def lock_out(self, now: float) -> None:

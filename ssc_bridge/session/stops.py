@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from bridge_core.reasons import Coded
 from ssc_bridge.protocol import (
     AuxInputs,
     ChannelSource,
@@ -20,6 +21,7 @@ from ssc_bridge.protocol import (
 
 Checked = ChannelSource | PulseOutputs | PulseInputs | AuxInputs  # against the configuration
 
+_UNREAD = Coded('ssc.setup.unread', 'the configuration of the SSC is not read yet')
 _HINTS = {
     CommandState.NO_SIGNAL: "switch the transmitter on, check the receiver's power and its cable "
     'to pulse input 1',
@@ -44,10 +46,11 @@ def another(configuration: Configuration | None, wanted: int) -> str:
     """Say that it is another SSC than wanted; empty: it is that one. :param wanted: -1: any."""
     if configuration is None or wanted in (-1, configuration.config_id):
         return ''
-    return (
+    text = (
         f'connect the SSC with configuration ID {wanted}, or set config_id: this one has '
         f'{configuration.config_id}, so nothing is sent to its outputs'
     )
+    return Coded('ssc.setup.another', text)
 
 
 def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> list[str]:
@@ -57,15 +60,18 @@ def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> lis
     :param contradictions: of the newest message of each type. :param confirmed: the configuration
         was read since the device was (re)started, and since the last contradiction.
     """
-    reasons = [
-        f'message {kind.value} contradicts the configuration ({text}); if that stays, power-cycle '
-        'the SSC'
+    reasons: list[str] = [
+        Coded(
+            'ssc.setup.contradicts',
+            f'message {kind.value} contradicts the configuration ({text}); if that stays, '
+            'power-cycle the SSC',
+        )
         for kind, text in contradictions.items()
     ]
-    return reasons if confirmed else [*reasons, 'the configuration of the SSC is not read yet']
+    return reasons if confirmed else [*reasons, _UNREAD]
 
 
 def command_stop(state: CommandState) -> str:
     """Say what a state of the command channel that is a stop means, and what to do."""
     hint = _HINTS.get(state, 'move its switch, which estop_states has as a stop')
-    return f'{hint}: command channel: {state.text}'
+    return Coded('ssc.command.stop', f'{hint}: command channel: {state.text}', state=state.text)

@@ -6,7 +6,7 @@
 from argparse import ArgumentParser
 
 from bridge_core.simulation import help_text, Simulated
-from ssc_bridge.simulator.controller import BOOT_TIME, CONFIG_TIME, Simulator
+from ssc_bridge.simulator.controller import BOOT_TIME, Simulator
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
 
 
@@ -24,7 +24,6 @@ SIMULATORS = {
 
 __all__ = [
     'BOOT_TIME',
-    'CONFIG_TIME',
     'SIMULATORS',
     'Memory',
     'Settings',

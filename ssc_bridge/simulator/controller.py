@@ -21,7 +21,7 @@ from bridge_core.framing import ChecksumError, FrameFormat, StreamParser
 from bridge_core.simulation import obey, one_of, switch, within
 from ssc_bridge.simulator.auxiliary import Auxiliary
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
-from ssc_bridge.simulator.menus import Menu, Menus, Terminal
+from ssc_bridge.simulator.menus import Menu, Menus, source_text, Terminal
 
 BOOT_TIME = 0.3
 CONFIG_TIME = 5.0  # seconds from power-on during which the menus can be entered (3)
@@ -30,7 +30,6 @@ NO_SIGNAL_TIME = 0.1
 FAILSAFE_US = 1500  # of the command channel while the transmitter is lost (2)
 _INVALID = 0x8000
 _STATES = ('no signal', '1 ms', '1.5 ms', '2 ms')
-_SOURCES = ('PIN', 'PINv', 'CONST', 'SERIAL', 'LAST')
 _MESSAGES = (10, 11, 12, 13, 14)  # with a rate, in the order of the rates
 
 
@@ -70,6 +69,7 @@ class Simulator:
         self.receiver = True  # it has power
         self.link = True  # it hears the transmitter
         self.mute = False
+        self.keeps = False  # a serial command of 0 leaves the last pulse
         self.aux = [Auxiliary() for _ in range(6)]
         self.received: dict[int, int] = {}  # good frames, by ID
         self.rejected = 0  # good frames that make no sense
@@ -190,7 +190,8 @@ class Simulator:
         pulses = list(struct.unpack(f'>{self.settings.outputs}H', payload))
         if max(pulses) > 32000:
             raise ValueError('beyond 32000 us')
-        self.serial = pulses
+        kept = self.serial if self.keeps else pulses
+        self.serial = [us or last for us, last in zip(pulses, kept, strict=True)]
 
     def _set_aux(self, payload: bytes) -> None:
         """Take levels, pulse times and periods (4.2.2.2)."""
@@ -234,8 +235,7 @@ class Simulator:
     @property
     def sources(self) -> list[int]:
         """The source byte of every output (4.2.1.2)."""
-        column = (0, 1, 2, 3)[self.command_state]
-        return [row[column] for row in self.settings.table[: self.settings.outputs]]
+        return [row[self.command_state] for row in self.settings.table[: self.settings.outputs]]
 
     def _watch(self, now: float) -> None:
         """Follow the command channel, and drive the servos."""
@@ -302,7 +302,7 @@ class Simulator:
             'inputs_us': list(self.inputs),
             'outputs_us': list(self.outputs),
             'serial_us': list(self.serial),
-            'sources': [_source_text(byte) for byte in self.sources],
+            'sources': [source_text(byte) for byte in self.sources],
             'aux': [aux.describe() for aux in self.aux],
             'stored': 'valid' if self.memory.valid else 'invalid',
             'received': dict(self.received),
@@ -348,11 +348,7 @@ class Simulator:
         'signal': ('AUX HIGH_US LOW_US', _set_signal),
         'pulses': ('AUX COUNT', _add_pulses),
         'mute': ('on|off', _switch('mute')),
+        'keep': ('on|off', _switch('keeps')),
         'memory': ('erased|worn|sound', _set_memory),
         'reboot': ('', reboot),
     }
-
-
-def _source_text(byte: int) -> str:
-    name = _SOURCES[byte & 0x0F] if byte & 0x0F < len(_SOURCES) else 'unknown'
-    return f'{name} {(byte >> 4) + 1}' if byte & 0x0F < 2 else name

@@ -169,11 +169,15 @@ def _page(text: str) -> str:
     return CLEAR + _lines(text) + _SELECT
 
 
+def _listed(*lines: str) -> str:
+    return '\n'.join([*lines, '', _BACK])
+
+
 def _choice(title: str, options: Sequence[str]) -> Menu[int]:
     """Let one of the options be chosen; return its place."""
     lines = [f'{n}) {option}' for n, option in enumerate(options, 1)]
     while True:
-        key = yield _page('\n'.join([title, '', *lines, '', _BACK]))
+        key = yield _page(_listed(title, '', *lines))
         if key == '0':
             raise _Previous
         if key.isdecimal() and 1 <= int(key) <= len(options):
@@ -198,7 +202,7 @@ def _number(title: str, low: int, high: int) -> Menu[int]:
 def _io_text(now: Settings) -> str:
     rows = [f'{n}) Aux {n} Assign [{_aux_text(word)}]' for n, word in enumerate(now.aux, 1)]
     head = [f'A) Pulse Input Channels [{now.inputs}]', f'B) User Config ID [{now.config_id}]']
-    return '\n'.join(['I/O SETUP', '', *head, '', *rows, '', _BACK])
+    return _listed('I/O SETUP', '', *head, '', *rows)
 
 
 def _set_io(now: Settings, key: str) -> Menu[None]:
@@ -242,10 +246,11 @@ def _aux_text(word: int) -> str:
     return texts[word & 0x0F] if word & 0x0F < len(texts) else '?'
 
 
-def _source_text(byte: int) -> str:
+def source_text(byte: int) -> str:
+    """Return a source as the switch table prints it."""
     source = byte & 0x0F
     if source > 1:
-        return _SOURCES[source] if source < len(_SOURCES) else '?'
+        return _SOURCES[source] if source < len(_SOURCES) else 'unknown'
     return f'{_SOURCES[source]} {(byte >> 4) + 1}'
 
 
@@ -295,7 +300,7 @@ class _TableView:
 
 
 def _row_text(now: Settings, row: int) -> str:
-    sources = '  '.join(f'{_source_text(byte):<8}' for byte in now.table[row])
+    sources = '  '.join(f'{source_text(byte):<8}' for byte in now.table[row])
     return f'{row + 1:<3}{sources}  {now.constants[row]:<8}  {now.periods[row]:<8}'
 
 
@@ -324,7 +329,7 @@ def _rates_text(now: Settings) -> str:
     lines = [
         f'{n}) {name} (msg {n + 9}) [{now.rates[n - 1]}Hz]' for n, name in enumerate(_MESSAGES, 1)
     ]
-    return '\n'.join(['MESSAGE RATES', *lines, '', _BACK])
+    return _listed('MESSAGE RATES', *lines)
 
 
 def _set_rate(now: Settings, key: str) -> Menu[None]:
@@ -335,7 +340,7 @@ def _set_rate(now: Settings, key: str) -> Menu[None]:
 
 def _primary_text(now: Settings) -> str:
     lines = [f'{n}) Comm {n} [{"X" if n == now.primary else " "}]' for n in (1, 2)]
-    return '\n'.join(['PRIMARY COMM', *lines, '', _BACK])
+    return _listed('PRIMARY COMM', *lines)
 
 
 def _set_primary(now: Settings, key: str) -> Menu[None]:
@@ -349,7 +354,7 @@ def _lockout_text(now: Settings) -> str:
         f'{n}) On Rcv Msg {message} [{"X" if locks else " "}]'
         for n, message, locks in zip((1, 2), (98, 20), now.lockouts, strict=True)
     ]
-    return '\n'.join(['CONFIG LOCKOUT', *lines, '', _BACK])
+    return _listed('CONFIG LOCKOUT', *lines)
 
 
 def _set_lockout(now: Settings, key: str) -> Menu[None]:

@@ -162,6 +162,8 @@ def test_joint_states_are_in_rad_with_nan_for_what_is_not_known() -> None:
     assert (state.header.stamp, state.header.frame_id) == (STAMP, 'base')
     turned = convert.joint_state((0.5, -0.2), ('pan', 'tilt'), STAMP, '', inverted=(True, False))
     assert list(turned.position) == [0.5, -0.2]
+    plain = convert.joint_state((0.5, -0.2), ('pan', 'tilt'), STAMP, '')
+    assert list(plain.position) == [-0.5, -0.2]  # right, down; left and up are positive
 
 
 @pytest.mark.parametrize('inverted', [(False, False), (True, True)])
@@ -254,6 +256,7 @@ def test_device_says_who_the_unit_is_and_who_claims_our_address(
     status = convert.device('1032AE100801035', 1032, address, NAME, namesake, 0x38, 'mine')
     assert (status.level, status.message, status.hardware_id) == (level, message, 'mine')
     values = {pair.key: pair.value for pair in status.values}
+    assert values['unit'] == '1032AE100801035'
     assert values['NAME'] == f'{NAME.value:016X}'
     assert values['manufacturer'] == '326 (Akron Brass)'
     assert values['own address'] == '38'
@@ -265,4 +268,5 @@ def test_device_that_was_not_heard_has_no_name() -> None:
     status = convert.device('', 0, 0x80, None, None, 0x38, 'mine')
     values = {pair.key: pair.value for pair in status.values}
     assert (status.message, values['NAME']) == ('a unit at 80', 'not heard')
+    assert values['unit'] == 'not announced'
     assert 'manufacturer' not in values

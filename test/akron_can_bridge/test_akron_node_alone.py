@@ -19,10 +19,10 @@ from std_msgs.msg import Bool, UInt8
 
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from rugged_teleop.canbuses import frames
-from stage.akron_node_rig import Bench, bench_of, NEUTRAL, RIGHT, START_LIMIT, Station
+from stage.akron_node_rig import Bench, bench_of, NEUTRAL, START_LIMIT, Station
 from stage.can_rig import CanBus
 from stage.endings import each_ending
-from stage.rig import NodeProcess, Observer
+from stage.rig import Observer
 from stage.run_delay import RunDelay, WIRE_HELD_UP
 from stage.toy_rig import is_running, spares_of, wires_of
 
@@ -49,32 +49,6 @@ def test_node_that_dies_leaves_neutral_frames(
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
         # What it said last may still be on its way to the unit.
         bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
-        bench.wait(lambda: not own_unit.look('moving'), 'rest')
-
-
-@pytest.mark.parametrize('all_three', [False, True])
-def test_wire_that_is_killed_with_its_node_leaves_the_farewell_to_its_spare(
-    observer: Observer, can_bus: CanBus, own_unit: Station, all_three: bool
-) -> None:
-    """With all three, the unit has nothing but its own watchdog."""
-    with bench_of(observer, can_bus) as bench:
-        ready_to_lose(bench)
-        bench.drive(own_unit)
-        node = bench.node.process.pid
-        processes = [*wires_of(node), *spares_of(node)][: 1 + all_three]
-        before, delay = own_unit.look('cleared')['38'], RunDelay([])
-        os.kill(node, signal.SIGSTOP)  # so that it starts no other wire
-        for pid in processes:
-            os.kill(pid, signal.SIGKILL)
-        bench.node.end(signal.SIGKILL)
-        killed = time.monotonic()
-        bench.commanding = False
-        if all_three:
-            bench.wait(lambda: own_unit.look('cleared')['38'] > before, 'its own watchdog')
-            assert time.monotonic() - killed < 5.0 + delay.seconds()
-        else:
-            bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
-        assert (own_unit.joystick_frames(0x38)[-1] == RIGHT) == all_three
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
@@ -249,12 +223,3 @@ def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
             bench.wait(lambda: bench.value('joysticks heard') == '33 allowed', 'the diagnostic')
             stick.steer('mute on')
             bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')
-
-
-def test_bus_that_is_not_there_is_told_and_waited_for(observer: Observer) -> None:
-    given = {'interface': 'socketcan', 'channel': 'nocan7'}
-    with NodeProcess('akron_can_bridge.node', given) as node:
-        bench = Bench(observer, node)
-        bench.wait(lambda: 'nocan7' in bench.status('link').message, 'the reason')
-        bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
-        assert node.process.poll() is None

@@ -1,7 +1,9 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the Akron session sends as a joystick, and all that makes it neutral."""
+"""What the Akron session sends as a joystick: what makes it neutral, and a line that is busy."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 import itertools
@@ -10,13 +12,17 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.parameters import Cause
-from akron_can_bridge.protocol import Axis, ExtendedJoystick, Status
-from akron_can_bridge.session import Handover, Stopped
+from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Permission, Status
+from akron_can_bridge.session import Handover, PausePressed, Request, Settings, Stopped
+from akron_can_bridge.session.drive import Command, Drive, PAUSE_TIME
 from bridge_core.j1939 import CanFrame
+from bridge_core.session import Answer
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
+    COAST,
     COMMAND_LIMIT,
+    ef,
     ESTOP_LIMIT,
     joystick,
     LINK_LIMIT,
@@ -29,12 +35,152 @@ from stage.akron_session_rig import (
     NO_TARGETS,
     NOT_ENABLED,
     of,
+    oscillating,
+    OURS,
     OUTPUTS,
+    PAUSE,
     REST,
     SLOT,
+    Turning,
     UNIT,
     WATER,
 )
+
+NOW = 100.0
+RIGHT = Permission.RIGHT
+AT_REST, AT_WORK = Command(*REST), Command(*MOVE)
+JOYSTICK, PERMISSION = 0x0CFDD638, 0x18EF8038
+
+
+def started(**options: Any) -> Drive:
+    drive = Drive(Settings(**options))
+    drive.start(NOW)
+    return drive
+
+
+def moving(**options: Any) -> Drive:
+    """Return one whose frames move the unit; the next slot is at NOW + SLOT."""
+    drive = started(**options)
+    assert said(drive, NOW) == NEUTRAL
+    drive.set_estop(False, NOW)
+    drive.set_command(AT_REST, NOW, [])
+    drive.set_command(AT_WORK, NOW, [])
+    assert drive.moving
+    return drive
+
+
+def said(drive: Drive, now: float, *, taken: bool = True) -> bytes:
+    """Return the data of the one frame that is due. :param taken: by the line."""
+    (frame,) = drive.joystick_frames(now)
+    assert frame.identifier == JOYSTICK
+    if taken:
+        drive.stick_sent(now)
+    return frame.data
+
+
+def a1_frames(drive: Drive, now: float, unit: int | None = UNIT) -> list[str]:
+    """Return the A1 that goes out, in hexadecimal."""
+    frames = drive.permissive_frames(now, unit, RIGHT)
+    for frame in frames:
+        drive.permission_sent(frame, now)
+    return [f'{frame.identifier:08X} {frame.data.hex().upper()}' for frame in frames]
+
+
+# -- what a port that closed, or input that was lost, leaves behind -------------------------------
+
+
+def test_permission_is_said_anew_where_the_unit_may_have_missed_it() -> None:
+    drive = Drive(Settings(soe_permissive=True))
+    frame = [f'{PERMISSION:08X} A10001']
+    assert a1_frames(drive, NOW) == frame
+    assert a1_frames(drive, NOW) == []
+    drive.forget_inputs()
+    drive.stop()  # the port was closed, and is opened again
+    assert a1_frames(drive, NOW + 0.02, None) == []  # nothing to the former unit either
+    assert a1_frames(drive, NOW + 0.02) == frame
+    assert a1_frames(drive, NOW + 0.03, None) == []  # the unit has lost its address
+    assert a1_frames(drive, NOW + 0.04) == frame
+
+
+# -- stale inputs ---------------------------------------------------------------------------------
+
+
+def test_one_stale_input_is_enough_to_be_told() -> None:
+    drive = moving(command_timeout=COMMAND_LIMIT, estop_in_timeout=ESTOP_LIMIT)
+    assert not drive.stale(NOW + COMMAND_LIMIT - 1e-6)
+    assert drive.stale(NOW + COMMAND_LIMIT)
+    drive.set_command(AT_WORK, NOW + 0.2, [])
+    assert not drive.stale(NOW + ESTOP_LIMIT - 1e-6)
+    assert drive.stale(NOW + ESTOP_LIMIT)
+
+
+# -- motion that a neutral stick does not end -----------------------------------------------------
+
+
+def test_target_of_the_grip_is_motion_that_goes_on_by_itself() -> None:
+    drive = moving()
+    assert not drive.automatic
+    drive.set_command(Command(REST[0], ExtendedJoystick(grip_x=Axis.of(0))), NOW, [])
+    assert drive.automatic
+
+
+START = NOW + 0.001  # of a press
+
+
+@pytest.mark.parametrize(
+    ('taken', 'expected'),
+    [
+        # When each frame goes, whether the line takes it, and what it is.
+        ((0.0, True), [(0.02, PAUSE), (PAUSE_TIME - 1e-6, PAUSE), (PAUSE_TIME, NEUTRAL)]),
+        ((0.0, False), [(0.001, PAUSE), (0.1, PAUSE)]),
+        ((0.0, False), [(SLOT, NEUTRAL)]),  # it came too late
+    ],
+)
+def test_press_begins_within_a_slot_and_lasts_its_time(
+    taken: tuple[float, bool], expected: list[tuple[float, bytes]]
+) -> None:
+    drive = started()
+    said(drive, NOW)
+    drive.pause(START)
+    assert drive.due == START
+    assert said(drive, START + taken[0], taken=taken[1]) == PAUSE
+    for after, data in expected:
+        drive.start(START + after)
+        assert said(drive, START + after) == data
+
+
+def test_press_does_not_go_on_behind_a_command_in_its_midst() -> None:
+    drive = moving()
+    drive.set_command(AT_REST, NOW, [])
+    drive.pause(START)
+    assert said(drive, START) == PAUSE
+    drive.set_command(AT_WORK, NOW + 0.025, [])
+    assert said(drive, NOW + 0.025) == MOVING
+    drive.set_command(AT_REST, NOW + 0.05, [])
+    assert said(drive, NOW + 0.05) == NEUTRAL
+
+
+def test_command_is_not_lost_to_a_press_and_a_forgotten_press_is_none() -> None:
+    drive = moving()
+    drive.pause(START)
+    assert said(drive, START) == MOVING
+    drive.set_command(AT_REST, START, [])
+    drive.pause(START)
+    drive.forget_inputs()
+    assert said(drive, START) == NEUTRAL
+
+
+# -- until when we asked for the motion that the unit reports -------------------------------------
+
+
+@pytest.mark.parametrize(('x', 'y'), [(1, 0), (0, -1)])
+def test_stick_that_leaves_its_centre_on_one_axis_asks_for_motion(x: int, y: int) -> None:
+    drive = moving()
+    drive.set_command(Command(BasicJoystick(Axis.of(x), Axis.of(y)), REST[1]), NOW + 0.1, [])
+    assert drive.pushes
+    drive.set_command(AT_REST, NOW + 0.15, [])
+    assert drive.asked_until == NOW + 0.15
+
 
 GRIPS = (
     MOVE[0],
@@ -57,15 +203,6 @@ def test_neutral_every_20_ms_from_the_opening_on_with_nobody_there() -> None:
     assert set(bench.joystick_frames()) == {NEUTRAL}
 
 
-def test_closed_port_gets_no_frame() -> None:
-    bench = Bench().moving()
-    bench.close()
-    bench.sent.clear()
-    bench.run(0.1, MOVE)
-    assert bench.sent == []
-    assert bench.session.farewell(bench.now) == []
-
-
 @pytest.mark.parametrize('address', range(0x33, 0x39))
 def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> None:
     bench = Bench(source_address=address)
@@ -74,27 +211,6 @@ def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> N
     bench.run(0.1, REST)
     bench.run(0.1, MOVE)
     assert bench.joystick_frames(source=address)[-1] == MOVING
-
-
-def test_command_goes_with_the_slots_not_with_its_own_rate() -> None:
-    bench = Bench().moving()
-    start = bench.now
-    for _ in range(100):
-        bench.now += 0.001
-        bench.command(MOVE)
-        bench.wait(0.0)
-    assert len(bench.joystick_frames(start + 1e-9)) == 5
-
-
-def test_held_stick_does_not_start_before_it_was_neutral_once() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.0, MOVE)
-    assert bench.all_neutral(0.0)
-    assert bench.session.inhibits(bench.now) == ['the command must be neutral once']
-    bench.run(SLOT, REST)
-    bench.run(0.1, MOVE)
-    assert bench.joystick_frames()[-1] == MOVING
-    assert bench.session.inhibits(bench.now) == []
 
 
 # -- what ends motion -----------------------------------------------------------------------------
@@ -118,7 +234,7 @@ def forget_for(seconds: float) -> Callable[[Bench], None]:
 
 
 LONG = 2.0  # s, of what is not to be the reason
-ENDS: dict[str, tuple[Callable[[Bench], Any], dict[str, float]]] = {
+ENDS: dict[str, tuple[Callable[[Bench], Any], dict[str, Any]]] = {
     'e-stop input is true': (lambda b: b.estop_in(True), {}),
     'e-stop input is true, and false again': (blink, {}),
     'command refused: axis 0 is nan': (
@@ -162,41 +278,6 @@ def test_motion_ends_at_once_and_begins_anew_by_a_neutral_command_alone(reason: 
     bench.run(0.2, REST)
     bench.run(2 * SLOT, MOVE)
     assert bench.joystick_frames()[-1] == MOVING
-
-
-@pytest.mark.parametrize(
-    ('limit', 'options', 'said'),
-    [
-        (COMMAND_LIMIT, {'estop': False}, 'command is stale'),
-        (ESTOP_LIMIT, {'command': MOVE, 'estop': None}, 'e-stop input is stale'),
-        (LINK_LIMIT, {'command': MOVE, 'unit': False}, 'it is silent'),
-    ],
-)
-def test_input_that_falls_silent_ends_motion_at_its_limit_and_for_ever(
-    limit: float, options: dict[str, Any], said: str
-) -> None:
-    bench = Bench().moving()
-    bench.take(NO_FAULTS)
-    start = bench.now
-    bench.run(limit - 0.03, **options)
-    assert set(bench.joystick_frames(start + 1e-9)) == {MOVING}
-    bench.wait(0.03 + 1e-6)
-    assert bench.sent[-1][1].data == NEUTRAL
-    assert bench.sent[-1][0] == pytest.approx(start + limit, abs=SLOT)
-    bench.run(2.0, **options)
-    assert bench.all_neutral(start + limit + 1e-9)
-    assert len(bench.joystick_frames(start + limit)) >= 100  # never silence
-    assert said in bench.session.inhibits(bench.now)[0]
-
-
-@pytest.mark.parametrize(
-    'before', [{'command': REST, 'estop': True}, {'command': REST, 'estop': None}]
-)
-def test_neutral_heard_during_a_stop_does_not_count(before: dict[str, Any]) -> None:
-    bench = Bench().find_unit()
-    assert of(Stopped, bench.run(0.2, **before)) == []
-    bench.run(0.2, MOVE)
-    assert bench.all_neutral(0.0)
 
 
 @pytest.mark.parametrize('soe_permissive', [False, True])
@@ -318,16 +399,6 @@ def test_allowed_joystick_gives_the_permission_once_it_was_let_go_and_pushed() -
     assert given(let_go, pushed)
 
 
-def test_permission_ends_at_once_where_the_address_is_forgotten() -> None:
-    bench = Bench(soe_permissive=True).moving()
-    start = bench.now
-    bench.session.interrupted('frozen', bench.now)
-    bench.poll()
-    assert permissions(bench, start) == ['A10000']
-    bench.wait(1.0)
-    assert permissions(bench, start) == ['A10000']
-
-
 def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> None:
     bench = Bench(soe_permissive=True).moving()
     assert permissions(bench)[-1] == 'A1000F'
@@ -369,3 +440,206 @@ def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> N
     bench.session.limit_directions(bench.now)
     bench.poll()
     assert permissions(bench)[-1] == 'A10001'
+
+
+RETRY = 0.001  # s, of the wire
+FORGOTTEN = 0.2  # s after which a unit forgets a joystick: Appendix B
+GRIP = 0x0CFDD700 | OURS
+ALL, NONE = '0F', '00'
+
+
+def everything(frame: CanFrame) -> bool:
+    del frame
+    return True
+
+
+def nothing(frame: CanFrame) -> bool:
+    del frame
+    return False
+
+
+def timed_permissions(bench: Bench, since: float, unit: int = UNIT) -> list[tuple[float, str]]:
+    """Return each A1 to an address: after how many ms it went, and what it permits."""
+    identifier = 0x18EF0000 | unit << 8 | OURS
+    return [
+        (round((at - since) * 1e3, 3), frame.data.hex().upper()[4:])
+        for at, frame in bench.sent
+        if at >= since and frame.identifier == identifier and frame.data[0] == 0xA1
+    ]
+
+
+def permitted_bench() -> Bench:
+    bench = Bench(soe_permissive=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.2, MOVE)
+    assert timed_permissions(bench, 0.0)[-1][1] == ALL
+    bench.now += RETRY / 2  # within a slot
+    return bench
+
+
+# -- sticks ---------------------------------------------------------------------------------------
+
+
+def test_stop_that_a_busy_line_did_not_take_goes_with_the_next_poll() -> None:
+    bench = permitted_bench()
+    start, bench.refuses = bench.now, everything
+    bench.estop_in(True)
+    assert bench.session.deadline() <= bench.now
+    bench.wait(5 * RETRY)
+    assert bench.joystick_frames(start) == []
+    bench.refuses = nothing
+    bench.wait(RETRY)
+    assert bench.joystick_frames(start) == [NEUTRAL]
+    assert timed_permissions(bench, start) == [(5.0, NONE)]
+
+
+def test_grip_that_a_busy_line_did_not_take_goes_soon_and_alone() -> None:
+    bench = Bench(extended=True, automatic_motion=True).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, (REST[0], ExtendedJoystick(Axis.of(500), Axis.of(0))))
+    bench.now += RETRY / 2  # within a slot
+    start, bench.refuses = bench.now, lambda frame: frame.identifier == GRIP
+    bench.estop_in(True)
+    bench.wait(5 * RETRY)
+    assert (bench.joystick_frames(start), bench.frames(GRIP, start)) == ([NEUTRAL], [])
+    bench.refuses = nothing
+    bench.wait(RETRY)
+    assert (bench.joystick_frames(start), bench.frames(GRIP, start)) == ([NEUTRAL], [NO_TARGETS])
+
+
+@pytest.mark.parametrize(
+    ('busy', 'command', 'again'),
+    [
+        (FORGOTTEN - SLOT, WATER, True),
+        (FORGOTTEN + SLOT, WATER, False),
+        (FORGOTTEN + SLOT, MOVE, False),
+    ],
+)
+def test_button_is_not_pressed_anew_for_a_unit_that_forgot_it(
+    busy: float, command: tuple[object, object], again: bool
+) -> None:
+    bench = Bench(command_timeout=2.0).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, command)
+    bench.refuses = everything
+    bench.run(busy, command)
+    start, bench.refuses = bench.now, nothing
+    bench.run(0.1, command)
+    assert (NEUTRAL not in bench.joystick_frames(start)) is again
+    bench.run(SLOT, REST)
+    bench.run(2 * SLOT, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+
+
+# -- the permission -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('address', [None, 0x90])
+def test_permission_that_was_not_taken_back_is_taken_back_at_the_former_address(
+    address: int | None,
+) -> None:
+    bench = permitted_bench()
+    bench.refuses = everything
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.poll()
+    if address is not None:
+        bench.take(ef('FF83150226021A0B', address), ef('83C051', address))
+    start, bench.refuses = bench.now, nothing
+    bench.wait(2 * RETRY)
+    assert timed_permissions(bench, start) == [(1.0, NONE)]
+    bench.wait(0.09)
+    assert len(timed_permissions(bench, start)) == 1
+    assert len(timed_permissions(bench, start, 0x90)) == (address == 0x90)
+
+
+def test_grip_is_no_permission_whatever_its_first_byte_is() -> None:
+    bench = permitted_bench()
+    frame = ExtendedJoystick().to_frame(OURS)
+    bench.session.sent(CanFrame(frame.identifier, b'\xa1' + frame.data[1:]), bench.now)
+    start, at = bench.now, [at for at, f in bench.sent if f.data[0] == 0xA1][-1]
+    bench.run(0.1, MOVE)
+    assert timed_permissions(bench, start)[0][0] <= round((at + 0.1 + SLOT - start) * 1e3, 3)
+
+
+# -- NAMEs ----------------------------------------------------------------------------------------
+
+
+def test_bus_is_asked_for_names_although_the_unit_is_known_and_heard() -> None:
+    bench = Turning(automatic_motion=True, unit_address=UNIT, device_type=1032)
+    bench.refuses = everything
+    bench.open()
+    bench.take(OUTPUTS, NO_FAULTS)
+    assert not bench.session.finder.alone
+    bench.refuses = nothing
+    for seconds in (SLOT, 3.0):
+        bench.run(seconds)
+        assert len(bench.frames(0x18EAFF00 | OURS)) == 1
+        assert bench.session.finder.alone
+
+
+# -- the switch -----------------------------------------------------------------------------------
+
+
+def pauses(frame: CanFrame) -> bool:
+    return frame.data == PAUSE
+
+
+def test_switch_that_did_not_go_out_is_not_pressed_later() -> None:
+    bench = oscillating()
+    start, bench.refuses = bench.now, pauses
+    bench.run(0.3, REST, estop=True)
+    bench.refuses = nothing
+    bench.run(2 * COAST, REST, estop=True)
+    assert bench.all_neutral(start)
+    assert of(PausePressed, bench.events) == []
+    assert bench.session.values(bench.now)['switch 7 pressed by stops'] == 0
+    assert not bench.session.oscillation.is_doubted
+
+
+def test_switch_of_which_one_frame_went_out_is_pressed_no_more() -> None:
+    bench = oscillating()
+    start = bench.now
+    bench.refuses = lambda frame: pauses(frame) and PAUSE in bench.joystick_frames(start)
+    bench.run(3 * COAST, REST, estop=True)
+    assert bench.joystick_frames(start).count(PAUSE) == 1
+    assert of(PausePressed, bench.events) == [PausePressed()]
+
+
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('request_', 'data'),
+    [
+        (Request.ZERO_POSITIONS, ['41']),
+        (Request.ENTER_SETUP, ['46']),
+        (Request.RESET_CONTROLLER, ['45']),
+        (Request.POLL_VERSIONS, ['03', '04', '05']),
+    ],
+)
+def test_request_that_did_not_go_out_goes_soon_and_once(
+    request_: Request, data: list[str]
+) -> None:
+    bench = Bench().find_unit()
+    bench.run(1.5)
+    start, bench.refuses = bench.now, everything
+    bench.session.request(request_, bench.now)
+    bench.poll()
+    bench.run(0.1)
+    bench.refuses = nothing
+    bench.run(SLOT)
+    assert bench.asked(start) == data
+    bench.run(0.2)
+    assert bench.asked(start) == data
+    assert of(Answer, bench.events) == []
+
+
+def test_request_that_went_out_is_not_sent_anew_for_another_that_did_not() -> None:
+    bench = Bench(vista_rate=10.0).find_unit()
+    bench.run(1.5)
+    start = bench.now
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.poll()
+    bench.refuses = lambda frame: frame.data.hex() == '21'  # a poll
+    bench.run(1.0)
+    assert bench.asked(start) == ['45']

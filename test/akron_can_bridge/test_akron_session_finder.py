@@ -1,20 +1,23 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which unit the Akron session follows, and where to."""
+"""Which unit the Akron session follows, where to, and what its finder forgets and asks."""
 
+from __future__ import annotations
+
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import Positions, UnitChanged
+from akron_can_bridge.protocol import AddressAnnouncement, Name
+from akron_can_bridge.session import Settings, UnitChanged
+from akron_can_bridge.session.finder import Finder
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged, Verdict
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
-    ef,
-    joystick,
     LINK_LIMIT,
     MOVE,
     moved,
@@ -26,13 +29,179 @@ from stage.akron_session_rig import (
     of,
     OTHER_ANNOUNCED,
     OTHER_PIN,
-    OURS,
     OUTPUTS,
     PIN,
     POSITION,
     REST,
     UNIT,
 )
+
+NOW = 100.0
+OUR_PIN, OTHER = AddressAnnouncement(PIN), AddressAnnouncement(OTHER_PIN)
+OUR_NAME = Name.from_data(NAME.data)
+RENAMED = replace(OUR_NAME, function=OUR_NAME.function + 1)
+STRANGE_NAME = Name(identity=1, manufacturer=0)
+MANY = 32
+
+
+def started() -> Finder:
+    finder = Finder(Settings())
+    finder.start(NOW)
+    return finder
+
+
+def test_unit_that_was_never_heard_has_no_type() -> None:
+    assert Finder(Settings()).device_type == 0
+    assert Finder(Settings(unit_address=UNIT, device_type=1032)).device_type == 1032
+
+
+def test_new_start_forgets_the_devices() -> None:
+    finder = started()
+    finder.announced(0x81, OTHER, NOW)
+    assert finder.devices == {OTHER_PIN: 0x81}
+    finder.start(NOW + 1.0)
+    assert finder.devices == {}
+
+
+@pytest.mark.parametrize(
+    ('asked', 'name', 'after', 'restarted'),
+    [
+        (False, OUR_NAME, 0.0, True),
+        (True, OUR_NAME, 1.0, False),
+        (True, OUR_NAME, 1.0 + 1e-6, True),
+        (False, STRANGE_NAME, 0.0, False),
+    ],
+)
+def test_claim_within_a_second_of_a_request_is_its_answer_and_no_restart(
+    asked: bool, name: Name, after: float, restarted: bool
+) -> None:
+    finder = started()
+    finder.announced(UNIT, OUR_PIN, NOW)
+    if asked:
+        finder.request_sent(NOW)
+    finder.expect_reset()
+    finder.claimed(UNIT, name, NOW + after)
+    assert finder.is_back(OUR_PIN, NOW + 9.0) is restarted
+
+
+def test_unit_of_a_session_before_is_the_only_one() -> None:
+    finder = started()
+    assert not finder.keep('')
+    assert not finder.keep(PIN)
+    finder.announced(0x81, AddressAnnouncement(OTHER_PIN), NOW)
+    assert finder.unit is None
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert not finder.keep('')
+    assert finder.keep(OTHER_PIN)
+    assert finder.pin == OTHER_PIN
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert finder.unit is None
+
+
+def test_unit_of_a_session_before_does_not_overrule_the_pin_that_is_given() -> None:
+    finder = Finder(Settings(device_pin=PIN))
+    assert not finder.keep(OTHER_PIN)
+    assert finder.pin == PIN
+
+
+def test_so_many_devices_are_remembered_and_followed_and_no_more() -> None:
+    finder = started()
+    pins = [f'1032AE{number:09}' for number in range(MANY + 1)]
+    for address, pin in enumerate(pins):
+        finder.announced(0x40 + address, AddressAnnouncement(pin), NOW)
+    assert list(finder.devices) == pins[:MANY]
+    finder.announced(0xA0, AddressAnnouncement(pins[5]), NOW)
+    assert finder.devices[pins[5]] == 0xA0
+
+
+def test_only_a_change_of_the_address_counts_as_a_move() -> None:
+    finder = started()
+    moves = []
+    for address in (UNIT, UNIT, 0x82, UNIT):
+        finder.announced(address, OUR_PIN, NOW)
+        moves.append(finder.moves)
+    finder.claimed(UNIT, STRANGE_NAME, NOW)
+    assert finder.address is None
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert [*moves, finder.moves] == [0, 0, 1, 2, 2]
+
+
+def test_without_a_unit_there_are_no_rivals() -> None:
+    finder = Finder(Settings(device_type=1042))
+    finder.start(NOW)
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert finder.unit is None
+    assert finder.devices
+    assert finder.rivals() == []
+    assert not finder.alone
+
+
+# -- which address it has -------------------------------------------------------------------------
+
+# Devices announce their PIN (ours, other, twin) or claim an address by a OUR_NAME.
+PINS = {'ours': OUR_PIN, 'other': OTHER, 'twin': AddressAnnouncement('1032CE100801035')}
+NAMES = {
+    'Name': OUR_NAME,
+    'Twin': replace(OUR_NAME, function_instance=1),  # the same identity number
+    'Renamed': RENAMED,
+    'Neighbour': replace(OUR_NAME, identity=OUR_NAME.identity + 1),
+    'Stranger': replace(OUR_NAME, manufacturer=0),
+}
+AT = f'unit {PIN} is at address'
+LOST = f'unit {PIN} has lost address 80'
+TO_ANOTHER, CLAIMS_ANOTHER = f'{LOST} to another device', f'{LOST} and claims another'
+# What is heard, the address then, and what was told of it.
+STORIES: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@82 ours@82', 0x82, [f'{AT} 80', f'{AT} 82']),
+    ('ours@FE', None, []),
+    ('ours@80 Name@80 Stranger@81', 0x80, [f'{AT} 80']),
+    ('ours@80 Name@80 Renamed@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Neighbour@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80 Name@80 ours@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+    ('ours@80 other@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+    ('ours@80 Name@91', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Name@FE', None, [f'{AT} 80', CLAIMS_ANOTHER]),  # it cannot claim any
+    ('ours@80 Renamed@90', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Renamed@90 ours@80 Name@80', 0x80, [f'{AT} 80', CLAIMS_ANOTHER, f'{AT} 80']),
+    ('Name@80 restart ours@80 Renamed@80', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@91 twin@91', 0x80, [f'{AT} 80']),
+    ('ours@80 twin@91 Name@91', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@80 ours@80 Twin@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+]
+# The same where the unit is at an address that is given.
+FIXED: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@80 other@81 ours@91 Name@91', 0x80, [f'{AT} 80']),
+    ('other@81 Stranger@80 Name@90', None, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@80 Name@80', 0x80, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@90 Name@90', 0x80, []),
+    ('ours@80 other@80 Name@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+]
+
+
+@pytest.mark.parametrize(
+    ('options', 'story', 'address', 'told'),
+    [
+        *(({}, *row) for row in STORIES),
+        *(({'unit_address': UNIT, 'device_type': 1032}, *row) for row in FIXED),
+    ],
+)
+def test_address_is_followed_and_told_on_change(
+    options: dict[str, Any], story: str, address: int | None, told: list[str]
+) -> None:
+    finder = Finder(Settings(**options))
+    finder.start(NOW)
+    texts = []
+    for word in story.split():
+        what, _, at = word.partition('@')
+        if what == 'restart':
+            finder.start(NOW)
+        elif what in PINS:
+            texts.append(finder.announced(int(at, 16), PINS[what], NOW))
+        else:
+            texts.append(finder.claimed(int(at, 16), NAMES[what], NOW))
+    assert (finder.address, [text for text in texts if text]) == (address, told)
+
 
 NAME_REQUEST = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))  # the manual's, from address 38
 STRANGER = '0100000000000000'  # a NAME that is not Akron Brass's
@@ -76,16 +245,6 @@ def test_announcement_makes_the_unit_known_and_the_polls_go_to_its_address() -> 
     assert bench.session.stop_reasons(bench.now) == []
 
 
-def test_unit_that_was_not_announced_is_not_believed() -> None:
-    bench = Bench()
-    bench.open()
-    bench.take(OUTPUTS, POSITION, NO_FAULTS, NAME)
-    assert bench.session.estop
-    assert not bench.session.link_up
-    assert of(Positions, bench.events) == []
-    assert bench.session.decoder.other_frames == 3
-
-
 @pytest.mark.parametrize(
     ('options', 'unit'),
     [
@@ -109,15 +268,6 @@ def test_choice_by_pin_or_type(options: dict[str, Any], unit: int | None) -> Non
         assert f'heard instead: {PIN}, {OTHER_PIN}' in reason
 
 
-def test_joystick_of_the_same_maker_is_never_taken_for_the_unit() -> None:
-    bench = Bench(device_type=0)
-    bench.open()
-    # By hand: digits 1-4 are 1035 = 40B hex instead of 408.
-    bench.take(ef('FF831502E6021A0B', 0x82))
-    assert bench.session.finder.devices == {'1035AE100801035': 0x82}
-    assert bench.session.finder.address is None
-
-
 def test_choice_by_type_stays_with_the_first_and_tells_of_the_other() -> None:
     bench = Bench().find_unit()
     bench.take(OTHER_ANNOUNCED)
@@ -126,23 +276,6 @@ def test_choice_by_type_stays_with_the_first_and_tells_of_the_other() -> None:
     assert bench.session.finder.address == 0x80
     assert bench.session.finder.rivals() == [OTHER_PIN]
     assert Bench(device_pin=PIN).find_unit().session.finder.rivals() == []
-
-
-def test_two_units_each_with_its_session() -> None:
-    one, two = Bench(device_pin=PIN), Bench(device_pin=OTHER_PIN, source_address=0x37)
-    for bench in (one, two):
-        bench.open()
-        bench.take(ANNOUNCED, OTHER_ANNOUNCED)
-    one.take(OUTPUTS, moved(NOT_ENABLED, 0x81), NO_FAULTS)
-    two.take(OUTPUTS, moved(NOT_ENABLED, 0x81), CanFrame(0x18EF3781, NO_FAULTS.data))
-    assert not one.session.estop
-    assert 'enable input' in two.session.stop_reasons(two.now)[0]
-    # Each one's frames are a foreign joystick to the other, unless they are told.
-    one.take(joystick(source=0x37))
-    assert one.session.estop
-    told = Bench(device_pin=PIN, allowed_joysticks=frozenset({0x37})).find_unit()
-    told.take(joystick(source=0x37))
-    assert not told.session.estop
 
 
 # -- moving it ------------------------------------------------------------------------------------
@@ -163,16 +296,6 @@ def test_readdressed_in_the_midst_of_motion_it_goes_on() -> None:
     assert bench.asked(start, 0x90) != []
     assert bench.asked(start, 0x80) == []
     assert bench.session.finder.moves == 1
-
-
-def test_old_address_says_nothing_any_more() -> None:
-    bench = Bench().find_unit()
-    bench.take(moved(ANNOUNCED, 0x90))
-    bench.take(NOT_ENABLED)
-    assert not bench.session.estop
-    bench.wait(LINK_LIMIT)
-    bench.take(OUTPUTS)
-    assert bench.session.estop
 
 
 @pytest.mark.parametrize(
@@ -209,14 +332,6 @@ def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
         bench.take(ANNOUNCED)
         bench.now += 0.001
     assert 5 <= len(name_requests(bench, start)) <= 11
-
-
-def test_another_device_that_claims_our_own_address_is_told() -> None:
-    bench = Bench().find_unit()
-    bench.take(name(STRANGER, OURS))
-    assert bench.session.finder.namesake is not None
-    bench.take(name(STRANGER, 0x99))  # it gave way
-    assert bench.session.finder.namesake is None
 
 
 # -- at a fixed address ---------------------------------------------------------------------------

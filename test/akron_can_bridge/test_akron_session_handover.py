@@ -50,12 +50,6 @@ def test_wire_after_one_that_died_follows_the_same_unit(
     assert bench.session.finder.rivals() == [OTHER_PIN if followed == PIN else PIN]
 
 
-def test_wire_that_dies_before_it_found_the_unit_tells_whose_it_was() -> None:
-    bench = Turning()
-    bench.open(Handover(pin=PIN), lost=True)
-    assert of(Handover, bench.events) == [Handover(pin=PIN)]
-
-
 @pytest.mark.parametrize('lost', [True, False])
 def test_unit_of_another_wire_that_was_found_is_forgotten(lost: bool) -> None:
     bench = Turning().ready()
@@ -93,15 +87,6 @@ def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -
     assert of(Handover, bench.events) == [Handover(pin=PIN)]
     bench.run(0.1, MOVE)
     assert permission(bench) == 'A1000F'
-
-
-def test_session_that_is_told_late_or_again_tells_it_on() -> None:
-    bench = Turning().ready()
-    for _ in range(2):
-        bench.events.clear()
-        bench.session.take_over(Handover(in_setup=True, pin=PIN), False, bench.now)
-        bench.poll()
-        assert of(Handover, bench.events)[-1].in_setup
 
 
 def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> None:
@@ -170,36 +155,15 @@ def test_session_that_was_told_asks_no_more_but_tells_again_what_may_be_lost() -
 # -- a node that is not active --------------------------------------------------------------------
 
 
-def resting() -> SessionBench[Resting]:
-    return SessionBench(Resting(Settings()))
-
-
-def test_it_says_neutral_in_every_slot_and_nothing_else() -> None:
-    bench = resting()
+def test_resting_session_is_a_stop_says_neutral_in_every_slot_and_hears_nothing() -> None:
+    bench = SessionBench(Resting(Settings(device_pin=PIN)))
+    assert (Level.ERROR, 'the node is not active') in bench.session.problems(bench.now)
     bench.open()
+    assert bench.take(ANNOUNCED, OUTPUTS, moved(ANNOUNCED, OURS)) == []
     bench.wait(1.0)
     assert {frame.data for _, frame in bench.sent} == {NEUTRAL}
     assert {frame.identifier for _, frame in bench.sent} == {0x0CFDD600 | OURS}
     assert abs(len(bench.sent) - 1.0 / SLOT) <= 1
-
-
-def test_it_hears_nothing() -> None:
-    bench = resting()
-    bench.open()
-    sent = len(bench.sent)
-    assert bench.take(ANNOUNCED, OUTPUTS, moved(ANNOUNCED, OURS)) == []
-    assert len(bench.sent) == sent
     assert bench.session.finder.unit is None
-
-
-def test_it_hands_nothing_over_and_asks_for_nothing_so_that_what_is_known_outlives_it() -> None:
-    bench = SessionBench(Resting(Settings(device_pin=PIN)))
-    bench.open()
-    bench.wait(1.0)
-    bench.close()
+    bench.close()  # what is known outlives it
     assert not [each for each in bench.events if isinstance(each, Handover | HandoverWanted)]
-
-
-def test_it_is_a_stop_with_its_reason() -> None:
-    bench = resting()
-    assert (Level.ERROR, 'the node is not active') in bench.session.problems(bench.now)

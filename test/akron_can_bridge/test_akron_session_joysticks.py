@@ -40,17 +40,40 @@ def held(**switches: bool) -> tuple[bool, ...]:
 # -- foreign --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('source', [*range(0x33, 0x38), OURS])
-@pytest.mark.parametrize('pgn', [0xFDD6, 0xFDD7])
-def test_any_other_sender_is_a_stop_even_at_rest(source: int, pgn: int) -> None:
-    bench = Bench().moving()
-    start = bench.now
-    events = bench.take(joystick(source=source, pgn=pgn))
-    assert StopChanged(Verdict(True, True, True)) in events
-    (reason,) = bench.session.stop_reasons(bench.now)
-    assert f'address {source:02X}, frame 0C{pgn:04X}{source:02X}' in reason
+# As a VSC sends them: bytes 5, 7 and 8, and 3 to 8, are FF.
+VSC = [(0xFDD6, '10010001FF00FFFF'), (0xFDD7, '1001FFFFFFFFFFFF')]
+NEUTRAL = '0100010000000000'
+SENDERS = [  # the frame's priority, source, PGN and data, and what its stop says; nothing: none
+    *(
+        (3, source, pgn, NEUTRAL, f'past the mux: address {source:02X}, frame 0C{pgn:04X}')
+        for source in range(0x33, 0x37)
+        for pgn in (0xFDD6, 0xFDD7)
+    ),
+    (7, 0x33, 0xFDD6, NEUTRAL, 'frame 1CFDD633'),
+    (3, OURS, 0xFDD6, NEUTRAL, 'another sender uses our own source_address'),
+    *((3, 0x33, pgn, data, "a FORT VSC's left joystick: change the") for pgn, data in VSC),
+    (3, 0x37, 0xFDD6, NEUTRAL, ''),  # it is allowed
+    *((3, source, 0xFDD6, NEUTRAL, '') for source in (0x32, 0x39, 0x80, 0xFE)),
+    (3, 0x34, 0xFDD8, NEUTRAL, ''),  # the VSC's right joystick has PGNs of its own
+]
+
+
+@pytest.mark.parametrize(('priority', 'source', 'pgn', 'data', 'said'), SENDERS)
+def test_any_other_sender_is_a_stop_even_at_rest_for_as_long_as_it_is_heard(
+    priority: int, source: int, pgn: int, data: str, said: str
+) -> None:
+    bench = Bench(allowed_joysticks=frozenset({0x37})).moving()
+    frame, start = joystick(data, source, pgn), bench.now
+    frame = type(frame)(frame.identifier & 0x03FFFFFF | priority << 26, frame.data)
+    stops = of(StopChanged, bench.take(frame))
+    assert stops == [StopChanged(Verdict(True, True, True))] * bool(said)
+    if said:
+        assert said in bench.session.stop_reasons(bench.now)[0]
+        bench.run(HOLD - 0.1, MOVE)
+        assert bench.all_neutral(start + 1e-9)
+        assert bench.session.joysticks.present(bench.now) == {source: 'foreign'}
     bench.run(0.2, MOVE)
-    assert bench.all_neutral(start + 1e-9)
+    assert not bench.session.estop
 
 
 @pytest.mark.parametrize('size', range(8))
@@ -60,20 +83,6 @@ def test_sender_of_short_frames_is_a_stop_too(pgn: int, size: int) -> None:
     assert heard(bench, BASIC[: 2 * size], pgn=pgn) == []
     assert 'foreign joystick' in bench.session.stop_reasons(bench.now)[0]
     assert bench.session.counters.malformed == 1
-
-
-# As a VSC sends them: bytes 5, 7 and 8, and 3 to 8, are FF.
-VSC = [(0xFDD6, '10010001FF00FFFF'), (0xFDD7, '1001FFFFFFFFFFFF')]
-
-
-@pytest.mark.parametrize(('pgn', 'data'), VSC)
-def test_the_trap_of_the_vsc_is_called_by_its_name(pgn: int, data: str) -> None:
-    bench = Bench().find_unit()
-    bench.take(joystick(data, pgn=pgn))
-    (reason,) = bench.session.stop_reasons(bench.now)
-    assert 'drives the unit past the mux' in reason
-    assert "a FORT VSC's left joystick" in reason
-    assert 'bus of its own' in reason
 
 
 @pytest.mark.parametrize(('pgn', 'data'), VSC)
@@ -91,50 +100,6 @@ def test_what_is_no_vsc_by_its_bytes_is_told_of_allowed_joysticks(pgn: int, data
     assert 'FORT' not in bench.session.joysticks.describe([0x34])
 
 
-def test_somebody_at_our_own_address_is_told_as_such() -> None:
-    bench = Bench().find_unit()
-    bench.take(joystick(source=OURS))
-    assert 'another sender uses our own source_address' in bench.session.stop_reasons(bench.now)[0]
-
-
-def test_stop_lasts_while_it_is_heard_and_ends_after() -> None:
-    bench = Bench().find_unit()
-    bench.run(0.1)
-    for _ in range(20):
-        bench.take(joystick())
-        bench.run(0.1)
-        assert bench.session.estop
-    bench.run(HOLD - 0.2)
-    assert bench.session.estop
-    bench.run(0.2)
-    assert not bench.session.estop
-
-
-def test_senders_that_no_unit_obeys_are_none_of_our_business() -> None:
-    bench = Bench().find_unit()
-    for source in (0x32, 0x39, 0x80, 0xFE):
-        bench.take(joystick(source=source))
-    # The VSC's right joystick has PGNs of its own.
-    bench.take(joystick(source=0x34, pgn=0xFDD8))
-    assert not bench.session.estop
-
-
-def test_any_priority_is_the_same_joystick() -> None:
-    bench = Bench().find_unit()
-    frame = joystick()
-    bench.take(type(frame)(frame.identifier & 0x03FFFFFF | 7 << 26, frame.data))
-    assert '1CFDD633' in bench.session.stop_reasons(bench.now)[0]
-
-
-def test_allowed_joystick_is_no_stop() -> None:
-    bench = Bench(allowed_joysticks=frozenset({0x33})).find_unit()
-    bench.take(joystick())
-    assert not bench.session.estop
-    bench.take(joystick(source=0x34))
-    assert bench.session.estop
-    assert bench.session.joysticks.present(bench.now) == {0x33: 'allowed', 0x34: 'foreign'}
-
-
 # -- the operator ---------------------------------------------------------------------------------
 
 
@@ -145,11 +110,6 @@ def test_joy_source_is_told_and_foreign_all_the_same_unless_it_is_allowed() -> N
     allowed = Bench(joy_source=0x33, allowed_joysticks=frozenset({0x33})).find_unit()
     assert heard(allowed) == [Sticks((500, -400, 0, 0, 0), held(s2=True))]
     assert not allowed.session.estop
-
-
-def test_no_joystick_is_told_without_joy_source() -> None:
-    bench = Bench().find_unit()
-    assert heard(bench) == []
 
 
 def test_extended_goes_with_the_next_basic_while_it_is_fresh() -> None:
@@ -165,15 +125,12 @@ def test_extended_goes_with_the_next_basic_while_it_is_fresh() -> None:
 def test_silent_joystick_gives_one_neutral_after_the_manuals_200_ms() -> None:
     bench = Bench(joy_source=0x33).find_unit()
     heard(bench)
+    assert of(Sticks, bench.close()) == [AT_REST]
+    bench.find_unit()
+    heard(bench)
     assert of(Sticks, bench.wait(0.199)) == []
     assert of(Sticks, bench.wait(0.002)) == [AT_REST]
     assert of(Sticks, bench.wait(5.0)) == []
-
-
-def test_closed_port_gives_one_neutral() -> None:
-    bench = Bench(joy_source=0x33).find_unit()
-    heard(bench)
-    assert of(Sticks, bench.close()) == [AT_REST]
 
 
 FAULTY = [
@@ -265,13 +222,6 @@ def hearing(*messages: Any) -> Joysticks:
     for message in messages:
         joysticks.hear_sticks(message, OTHER, NOW)
     return joysticks
-
-
-def test_forgotten_joystick_is_not_there_and_moves_nothing() -> None:
-    joysticks = hearing(RIGHT)
-    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([OTHER], [OTHER])
-    joysticks.forget_senders()
-    assert (joysticks.foreign(NOW), joysticks.moving(NOW)) == ([], [])
 
 
 def test_forgotten_joystick_that_is_held_does_not_count_until_it_was_let_go_of() -> None:

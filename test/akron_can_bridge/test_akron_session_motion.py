@@ -1,23 +1,247 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Motion that a neutral stick does not end: what a stop does to it, and who is told."""
+"""Motion that nobody asks for, or that a neutral stick does not end: stop, permission, pause."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from functools import cache
+import math
 from typing import Any
 
+from hypothesis import given, strategies as st
 import pytest
 
-from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
-from akron_can_bridge.session import Cause, Request
+from akron_can_bridge.protocol import (
+    Axis,
+    BasicJoystick,
+    ExtendedJoystick,
+    Position,
+    PositionLimit,
+    Status,
+)
+from akron_can_bridge.session import Cause, PausePressed, Request, Settings
+from akron_can_bridge.session.motion import Motion
+from akron_can_bridge.session.unit import Unit
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
-from stage.akron_loop_rig import Bench
-from stage.akron_session_rig import MOVE, PIN, REST
+from fort_vsc_bridge.simulator import CanSimulator
+from stage.akron_loop_rig import Bench as Loop
+from stage.akron_session_rig import (
+    ANNOUNCED,
+    Bench,
+    COAST,
+    DEPLOY,
+    ef,
+    joystick,
+    MOVE,
+    MOVING,
+    NEUTRAL,
+    of,
+    OSCILLATE,
+    OSCILLATES,
+    oscillating,
+    OTHER_ANNOUNCED,
+    OURS,
+    PAUSE,
+    permission,
+    PIN,
+    REST,
+    SLOT,
+    STANDS,
+    Turning,
+    WATER,
+)
+from stage.session_rig import SessionBench
 
-COAST = 1.0
+AIMS = ef('83D051')  # Point Aim mode is active
 ALLOWED = 0x33
-OSCILLATE, PAUSE, DEPLOY, STOW = 4, 7, 8, 9
+
+
+# -- a stop of the unit ---------------------------------------------------------------------------
+
+
+def test_coasting_is_no_stop_until_its_time_is_over() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    bench.run(3.0, MOVE)
+    assert not bench.session.estop
+    bench.run(SLOT, REST)
+    ends = bench.now + COAST
+    bench.run(COAST - SLOT, REST)
+    assert not bench.session.estop
+    assert [event for event in bench.events if 'nobody' in str(event)] == []
+    bench.wait(ends - 1e-6 - bench.now)
+    assert not bench.session.estop
+    bench.wait(2e-6)
+    assert bench.session.estop
+
+
+def test_unit_that_begins_to_move_alone_has_as_long() -> None:
+    bench = Turning().ready()
+    bench.turns = True
+    while not bench.session.motion.moving(bench.now):
+        bench.run(SLOT, REST)
+    ends = bench.session.motion.began_at + COAST
+    bench.run(ends - SLOT - bench.now, REST)
+    assert not bench.session.estop
+    bench.run(2 * SLOT, REST)
+    assert bench.session.estop
+
+
+# -- the permission of SOE mode -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('what', ['switch', 'aims', 'alone', 'oscillates'])
+def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves(
+    what: str,
+) -> None:
+    bench = Turning(soe_permissive=True, automatic_motion=True).ready()
+    bench.run(SLOT, MOVE)
+    bench.run(COAST, REST)
+    assert permission(bench) == 'A1000F'
+    if what == 'switch':
+        bench.run(0.1, DEPLOY)
+        bench.run(0.1, REST)
+    bench.turns = what == 'alone'
+    bench.says = {'aims': [AIMS], 'oscillates': [OSCILLATES]}.get(what, [])
+    bench.run(0.4, REST)
+    assert permission(bench) == 'A1000F'
+    bench.run(0.1, REST, estop=True)
+    assert permission(bench) == 'A10000'
+    bench.turns, bench.says = False, [STANDS]
+    bench.run(1.0, REST)
+    assert bench.session.inhibits(bench.now) == []
+    assert permission(bench) == 'A10000'
+    assert bench.session.demand.withheld
+    bench.run(2 * SLOT, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+    assert permission(bench) == 'A1000F'
+    bench.run(0.2, REST)
+    assert permission(bench) == 'A1000F'
+
+
+def permitted(**options: Any) -> Bench:
+    """Return one that has the permission, and for which a lost link is no stop."""
+    causes = frozenset({Cause.FOREIGN_JOYSTICK})
+    bench = Bench(soe_permissive=True, estop_on=causes, **options).find_unit()
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert permission(bench) == 'A1000F'
+    return bench
+
+
+@pytest.mark.parametrize('said', [REST, MOVE], ids=['let go', 'held'])
+def test_lost_link_takes_the_permission_until_the_stick_is_pushed_anew(said: Any) -> None:
+    bench = permitted()
+    bench.run(1.0, said, unit=False)
+    assert not bench.session.estop
+    assert permission(bench) == 'A10000'
+    bench.take(ANNOUNCED)
+    bench.run(0.2, said)
+    assert bench.session.link_up
+    assert permission(bench) == 'A10000'
+    bench.run(2 * SLOT, REST)
+    bench.run(2 * SLOT, MOVE)
+    assert permission(bench) == 'A1000F'
+
+
+def test_joystick_held_through_a_lost_link_gives_no_permission() -> None:
+    bench = permitted(allowed_joysticks=frozenset({ALLOWED}))
+    bench.run(0.1, REST)
+    held = joystick('107D046400000000')
+    for unit in (False, True):
+        for _ in range(25):
+            bench.take(held)
+            bench.run(SLOT, REST, unit=unit)
+        assert permission(bench) == 'A10000'
+    bench.take(joystick(), held)
+    assert permission(bench) == 'A1000F'
+
+
+@pytest.mark.parametrize('later', [0.0, 0.35, 2.0])
+def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float) -> None:
+    bench = Turning(soe_permissive=True).ready()
+    bench.run(0.1, MOVE)
+    bench.turns = True
+    bench.run(later, REST)
+    bench.run(0.5, REST, estop=True)
+    bench.run(0.5, REST)
+    assert permission(bench) == 'A10000'
+    assert bench.session.demand.withheld
+
+
+# -- by the angles alone --------------------------------------------------------------------------
+
+
+NOW = 100.0
+PERIOD, HOLD = 0.125, 0.5  # s; in floats their sums are exact
+
+NO_ANGLE = Position(0, Status.ERROR, Status.ERROR)
+
+
+def at(tenths: int) -> PositionLimit:
+    """Return a type 01 with the unit so far to the right, in 0.1 degree."""
+    rotation = Position(tenths, positive=Status.ON)
+    return PositionLimit(
+        rotation, Position(10, positive=Status.ON), (Status.OFF,) * 10, Status.OFF, Status.ON
+    )
+
+
+def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> Motion:
+    """Return one that was told these angles, in 0.1 degree, one each period."""
+    motion = motion or Motion(Unit(0.3))
+    for number, tenths in enumerate(places):
+        motion.hear_angles(at(tenths), since + PERIOD * number)
+    return motion
+
+
+@pytest.mark.parametrize(
+    ('places', 'began', 'moves'),
+    [
+        ((100, 105, 110), 1, True),  # steps of half a degree
+        ((100, 104, 100, 104), None, False),  # noise
+        ((100, 103, 106, 109, 112), 2, True),  # slow motion adds up to steps
+        ((100, 900, 900), 1, False),  # a jump
+    ],
+)
+def test_two_steps_of_half_a_degree_are_motion(
+    places: tuple[int, ...], began: int | None, moves: bool
+) -> None:
+    motion = turning(*places)
+    assert motion.began_at == (-math.inf if began is None else NOW + began * PERIOD)
+    assert motion.moving(NOW + (len(places) - 1) * PERIOD) is moves
+
+
+def test_angle_that_is_back_elsewhere_is_no_step() -> None:
+    motion = turning(100)
+    motion.hear_angles(replace(at(100), rotation=NO_ANGLE), NOW + 0.1)
+    turning(200, 210, motion=motion, since=NOW + 0.2)
+    assert not motion.moving(NOW + 0.2 + PERIOD)
+
+
+def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:
+    motion = turning(100, 110, 120)
+    motion.hear_angles(at(130), motion.ends_at)
+    assert motion.began_at == NOW + 2 * PERIOD + HOLD
+    assert not motion.moving(motion.began_at)
+
+
+def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
+    motion = turning(100, 110, 120)
+    motion.forget_angles()
+    assert (motion.began_at, motion.ends_at) == (-math.inf, -math.inf)
+    assert not motion.moving(NOW + 2 * PERIOD)
+    since = NOW + 3 * PERIOD
+    turning(200, 210, motion=motion, since=since)
+    assert not motion.moving(since + PERIOD)
+    turning(220, motion=motion, since=since + 2 * PERIOD)
+    assert motion.moving(since + 2 * PERIOD)
+
+
+SWITCH_4, SWITCH_7, SWITCH_8, SWITCH_9 = 4, 7, 8, 9
 AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
 
 
@@ -26,7 +250,7 @@ def press(switch: int) -> tuple[BasicJoystick, ExtendedJoystick]:
     return BasicJoystick(Axis.of(0), Axis.of(0), switches), ExtendedJoystick()
 
 
-def start(bench: Bench, switch: int) -> Bench:
+def set_off(bench: Loop, switch: int) -> Loop:
     """Press a switch for a moment; the unit moves by itself from then on."""
     bench.run(0.1)
     bench.ours.command = press(switch)
@@ -37,13 +261,13 @@ def start(bench: Bench, switch: int) -> Bench:
     return bench
 
 
-def switch_7(bench: Bench) -> list[bool]:
+def switch_7(bench: Loop) -> list[bool]:
     """Tell of each joystick frame heard since the last run began whether it presses switch 7."""
     frames = [bytes.fromhex(text) for text in bench.of('0CFDD638')]
     return [frame == bytes.fromhex('0100010000000400') for frame in frames if frame]
 
 
-PAUSES: dict[str, Any] = {**AUTOMATIC, 'button_switches': (OSCILLATE,), 'pause_on_stop': True}
+PAUSES: dict[str, Any] = {**AUTOMATIC, 'button_switches': (SWITCH_4,), 'pause_on_stop': True}
 UNTOLD = 'it oscillates though nobody asks it to'
 
 
@@ -58,9 +282,9 @@ def test_stop_pauses_an_oscillation_of_ours_where_no_other_unit_hears_it(
     other: int | None, options: dict[str, Any], pressed: int
 ) -> None:
     others = [Simulator(pin=f'{other}AE100801036', device_type=other)] if other else []
-    bench = Bench(*others, device_pin=PIN, **options)
+    bench = Loop(*others, device_pin=PIN, **options)
     bench.unit.apply('pausetold on')
-    start(bench, OSCILLATE)
+    set_off(bench, SWITCH_4)
     bench.ours.stop = True
     bench.run(COAST + 0.3)
     assert sum(switch_7(bench)) == pressed  # in 0.2 s
@@ -76,7 +300,7 @@ def test_stop_pauses_an_oscillation_of_ours_where_no_other_unit_hears_it(
 def test_hand_that_moves_a_unit_whose_oscillation_is_paused_has_none_resumed(
     told: str, axis: int, options: dict[str, Any]
 ) -> None:
-    bench = Bench(**options)
+    bench = Loop(**options)
     for line in (f'pausetold {told}', 'oscillate on', 'pause on', f'physical {axis} 0.3'):
         bench.unit.apply(line)
     bench.run(1.5)
@@ -87,36 +311,10 @@ def test_hand_that_moves_a_unit_whose_oscillation_is_paused_has_none_resumed(
     assert bench.moved(1.0) == 0.0
 
 
-@pytest.mark.parametrize('switch', [DEPLOY, STOW])
-def test_journey_that_goes_on_through_a_stop_is_a_stop_of_the_unit(switch: int) -> None:
-    bench = Bench(**AUTOMATIC)
-    bench.unit.apply('position 1 170')
-    start(bench, switch)
-    assert bench.reasons == []  # it was asked for
-    bench.ours.stop = True
-    bench.run(COAST - 0.2)
-    assert bench.reasons == []
-    assert bench.unit.motion.moving
-    bench.run(0.4)
-    assert 'it moves though nobody asks it to' in bench.reasons[0]
-    bench.wait(lambda: not bench.unit.motion.moving, 10.0)
-    bench.run(1.0)
-    assert bench.reasons == []
-
-
-def test_motion_by_an_allowed_joystick_is_no_stop() -> None:
-    stick = JoystickSimulator(0x33)
-    bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
-    stick.apply('stick x -1')
-    bench.run(3.0)
-    assert bench.unit.motion.moving
-    assert bench.reasons == []
-
-
 @pytest.mark.parametrize('asks', ['stick x -1', 'switch 8 on'])
 def test_motion_by_a_foreign_joystick_is_a_stop(asks: str) -> None:
     stick = JoystickSimulator(0x34)
-    bench = Bench(stick, estop_on=frozenset({Cause.MOTION}))
+    bench = Loop(stick, estop_on=frozenset({Cause.MOTION}))
     bench.unit.apply('position 1 175')
     stick.apply(asks)
     bench.run(COAST - 0.1)
@@ -127,7 +325,7 @@ def test_motion_by_a_foreign_joystick_is_a_stop(asks: str) -> None:
 
 def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end_it() -> None:
     stick = JoystickSimulator(0x33)
-    bench = Bench(stick, allowed_joysticks=frozenset({0x33}))
+    bench = Loop(stick, allowed_joysticks=frozenset({0x33}))
     stick.apply('switch 8 on')
     bench.unit.apply('position 1 175')
     bench.run(0.5)
@@ -142,14 +340,14 @@ def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end
 # -- SOE mode -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('switch', [OSCILLATE, DEPLOY])
+@pytest.mark.parametrize('switch', [SWITCH_4, SWITCH_8])
 def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
     switch: int,
 ) -> None:
-    bench = Bench(soe_permissive=True, **AUTOMATIC)
+    bench = Loop(soe_permissive=True, **AUTOMATIC)
     bench.unit.apply('soe on')
     bench.unit.apply('position 1 170')
-    start(bench, switch)
+    set_off(bench, switch)
     bench.ours.stop = True
     bench.wait(lambda: not bench.unit.motion.moving, 0.5)
     bench.run(2.0)
@@ -165,17 +363,246 @@ def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
 # -- requests -------------------------------------------------------------------------------------
 
 
-def test_setup_mode_keeps_the_frames_neutral_until_a_reset() -> None:
-    bench = Bench()
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.wait(lambda: bench.unit.motion.setup)
-    bench.ours.command = REST
-    bench.run(0.2)
-    bench.ours.command = MOVE
-    bench.run(3.0)
-    assert not bench.session.drive.moving
-    assert 'the unit is in setup mode' in bench.session.inhibits(bench.now)[0]
+OURS_TO_PAUSE: dict[str, Any] = {
+    'automatic_motion': True,
+    'button_switches': (4,),
+    'pause_on_stop': True,
+}
+COMMANDS = {
+    'rest': REST,
+    'water': WATER,
+    'move': MOVE,
+    'oscillate': OSCILLATE,
+    'deploy': DEPLOY,
+}
+
+
+def presses(bench: Turning, seconds: float = 2 * COAST) -> list[float]:
+    """Return when a stop presses switch 7, as seconds since its start."""
+    start = bench.now
+    bench.estop_in(True)
+    bench.run(seconds, REST, estop=True)
+    return [at - start for at, frame in bench.sent if at >= start and frame.data == PAUSE]
+
+
+def test_stop_pauses_an_oscillation_of_ours_once_by_its_first_type_81() -> None:
+    bench = oscillating()
+    pressed = presses(bench)
+    assert 0.0 < pressed[0] <= SLOT
+    assert 0.16 <= pressed[-1] - pressed[0] < 0.2
+    assert of(PausePressed, bench.events) == [PausePressed()]
+    assert bench.session.values(bench.now)['switch 7 pressed by stops'] == 1
+    assert bench.joystick_frames()[-1] == NEUTRAL
+
+
+# -- what else explains it, or may have paused it -------------------------------------------------
+
+
+def by_a_hand_too(bench: Turning) -> None:
+    """Have it pause and resume by the unit's own switches."""
+    bench.turns, bench.says = False, [STANDS]
+    bench.run(0.2, REST)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(COAST, REST)
+
+
+def by_a_joystick_too(bench: Turning) -> None:
+    bench.take(joystick(source=ALLOWED))
+    bench.run(2 * COAST, REST)
+
+
+def beside_another_unit(bench: Turning) -> None:
+    bench.take(OTHER_ANNOUNCED)
+
+
+def pushed(command: Any) -> Callable[[Turning], None]:
+    """Return what pushes, and goes on oscillating."""
+
+    def push(bench: Turning) -> None:
+        bench.run(SLOT, command)
+        bench.run(COAST, REST)
+
+    return push
+
+
+def closed(bench: Turning) -> None:
+    bench.close()
+    bench.wait(0.1)
+    SessionBench.open(bench)
+    bench.take(ANNOUNCED)
+
+
+def interrupted(bench: Turning) -> None:
+    bench.session.interrupted('messages were lost', bench.now)
+    bench.take(ANNOUNCED)
+
+
+def fall_silent(bench: Turning) -> None:
+    bench.run(0.5, REST, unit=False)
+
+
+def standing(bench: Turning) -> None:
+    """Stand, and say "oscillating" all along."""
+    bench.turns = False
+    bench.run(COAST, REST)
+
+
+@pytest.mark.parametrize(
+    'happens',
+    [
+        *(by_a_hand_too, by_a_joystick_too, beside_another_unit, pushed(MOVE), pushed(DEPLOY)),
+        *(closed, interrupted, fall_silent, standing),
+    ],
+)
+def test_oscillation_that_something_else_may_explain_is_not_paused(
+    happens: Callable[[Turning], None],
+) -> None:
+    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
+    happens(bench)
+    assert presses(bench) == []
+
+
+@pytest.mark.parametrize(
+    ('said', 'late'), [([OSCILLATES], 0.0), ([], 0.0), ([STANDS], 1.1 * COAST)]
+)
+def test_oscillation_that_did_not_begin_with_our_command_is_not_ours(
+    said: list[Any], late: float
+) -> None:
+    bench = Turning(**OURS_TO_PAUSE)
+    bench.says = said
+    bench.ready()
+    bench.run(0.1, OSCILLATE)
+    bench.run(late, REST)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(COAST, REST)
+    assert presses(bench) == []
+
+
+def test_stop_whose_first_type_81_says_no_oscillation_has_it_pressed_no_more() -> None:
+    bench = oscillating()
+    bench.says = [STANDS]
+    bench.run(SLOT, REST, estop=True)
+    bench.says = [OSCILLATES]
+    assert presses(bench) == []
+
+
+def test_reset_that_is_under_way_is_no_time_to_press_it() -> None:
+    bench = oscillating()
     bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.wait(lambda: bench.session.estop)
-    bench.wait(lambda: not bench.session.estop)
-    bench.move()
+    assert presses(bench) == []
+
+
+# -- once, and the next one -----------------------------------------------------------------------
+
+
+def test_unit_that_tells_of_no_pause_is_believed_no_more() -> None:
+    bench = oscillating()
+    assert presses(bench)
+    assert 'set pause_on_stop to false' in ''.join(bench.session.warnings(bench.now))
+    bench.turns, bench.says = False, [STANDS]
+    bench.run(COAST, REST)
+    bench.run(0.1, OSCILLATE)
+    bench.turns, bench.says = True, [OSCILLATES]
+    bench.run(COAST, REST)
+    assert presses(bench) == []
+
+
+@cache
+def swinging() -> Loop:
+    """Return a bus whose unit oscillates as we asked; no motion of it is a stop."""
+    loop = Loop(estop_on=frozenset(Cause) - {Cause.MOTION}, **OURS_TO_PAUSE)
+    loop.unit.apply('pausetold on')
+    for command in (REST, OSCILLATE, REST):
+        loop.ours.command = command
+        loop.run(0.2)
+    assert loop.session.oscillation.is_ours
+    return loop
+
+
+HAND = st.sampled_from(['', '', '', 'pause on', 'pause off', 'physical 1 -0.5', 'physical 1 0'])
+PLAYS = st.tuples(
+    st.sampled_from(['rest', 'rest', 'rest', *COMMANDS]),
+    st.sampled_from([False, False, False, True]),
+    HAND,
+    st.sampled_from([1, 2, 3, 15]),
+)
+
+
+@given(st.lists(PLAYS, min_size=3, max_size=6))
+def test_whatever_a_hand_does_a_press_pauses_what_runs(
+    plays: list[tuple[str, bool, str, int]],
+) -> None:
+    loop, last = deepcopy(swinging()), NEUTRAL
+    for command, stop, hand, slots in [*plays, ('rest', True, '', 9), ('rest', False, '', 9)]:
+        loop.ours.command, loop.ours.stop = COMMANDS[command], stop
+        if hand:
+            loop.unit.apply(hand)
+        for _ in range(slots):
+            paused = loop.unit.motion.paused
+            loop.run(SLOT)
+            frames = [bytes.fromhex(data) for data in loop.of(f'0CFDD6{OURS:02X}')]
+            for frame in frames:
+                assert not (frame == PAUSE != last and paused)
+                last = frame
+
+
+def test_parameter_that_can_press_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match='pause_on_stop needs 4 in button_switches'):
+        Settings(automatic_motion=True, button_switches=(7,), pause_on_stop=True)
+    with pytest.raises(ValueError, match='type 81, which a 6032 alone sends'):
+        Settings(device_type=1052, **OURS_TO_PAUSE)
+    for kind in (0, 1032):
+        Settings(device_type=kind, **OURS_TO_PAUSE)
+
+
+WATCHDOG = 0.2  # the unit's own, Appendix B
+
+
+@pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])
+def test_every_controller_moves_and_stops(kind: int) -> None:
+    bench = Loop(unit={'device_type': kind}, device_type=kind).move()
+    assert bench.moved(0.5) > 0.5
+    bench.ours.stop = True
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_frozen_host_is_stopped_by_the_units_own_watchdog() -> None:
+    bench = Loop().move()
+    bench.ours.frozen = True
+    took = bench.wait(lambda: bench.unit.describe()['cleared']['38'])
+    assert took <= WATCHDOG + 0.01
+    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
+    # Thawed, it does not go on with what it wanted.
+    bench.ours.frozen = False
+    assert abs(bench.moved(1.0)) < 0.01
+
+
+def test_the_trap_between_two_manuals_is_sprung_and_told() -> None:
+    vsc = CanSimulator()
+    bench = Loop(vsc)
+    vsc.apply('mode operational')
+    vsc.apply('stick left_x 1')
+    # The remote turns the unit past the mux, whatever we send ...
+    assert bench.moved(1.0) > 1.0
+    # ... and whoever asks the mux is told.
+    assert bench.session.estop
+    (reason,) = bench.reasons
+    assert '0CFDD633' in reason or '0CFDD733' in reason
+    assert "a FORT VSC's left joystick" in reason
+    bench.ours.command = MOVE
+    bench.run(0.2)
+    assert not bench.session.drive.moving
+
+
+def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
+    # 0.35 s without a frame: with a longer timeout that is no stop.
+    bench = Loop(link_timeout=0.5).move()
+    bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
+    start = bench.now
+    for _ in range(100):
+        bench.run(0.01)
+        assert not bench.session.estop
+    assert bench.session.finder.address == bench.unit.address == 0x81
+    assert bench.moved(0.5) > 0.0
+    assert bench.now - start < 2.0

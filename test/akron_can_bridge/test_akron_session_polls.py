@@ -1,7 +1,9 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Polls and requests of the Akron session, until their answer or its timeout."""
+"""What the Akron session asks the unit, forgets and refuses, until the answer or its timeout."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 import math
@@ -9,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.protocol import Fault, FaultStatus
-from akron_can_bridge.session import FaultsChanged, Request
-from akron_can_bridge.session.asker import Asker
+from akron_can_bridge.session import FaultsChanged, Handover, Request, Stopped
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import Answer
+from bridge_core.session import Answer, Level
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
+    COMMAND_LIMIT,
+    DEPLOY,
     ef,
     faults,
     joystick,
@@ -24,6 +26,7 @@ from stage.akron_session_rig import (
     MOVE,
     NAME,
     NO_FAULTS,
+    NOT_ENABLED,
     of,
     OPERATIONAL_ERROR,
     OSCILLATES,
@@ -32,27 +35,11 @@ from stage.akron_session_rig import (
     PIN,
     POSITION,
     REST,
+    SLOT,
     Turning,
     UNIT,
     VERSIONS,
 )
-
-
-def test_first_answer_that_is_overdue_is_the_next_to_give_up() -> None:
-    asker = Asker(1.0)
-    assert asker.deadline == math.inf
-    asker.start(Request.POLL_FAULTS, 10.0)
-    asker.start(Request.POLL_VERSIONS, 10.5)
-    assert asker.deadline == 11.0
-
-
-def test_poll_that_nobody_asked_for_is_answered_to_nobody() -> None:
-    asker = Asker(1.0)
-    asker.start(Request.POLL_FAULTS, 10.0)
-    assert asker.answered(FaultStatus(Fault(0), 0)) == []
-    assert not asker.is_open(Request.POLL_FAULTS)
-    asker.start(Request.POLL_FAULTS, 10.0)
-    assert asker.expire(11.0) == []
 
 
 def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
@@ -104,14 +91,6 @@ def test_faults_that_type_01_does_not_tell_of_are_polled_every_second(what: str)
     assert 'motor axis 1 fault' in bench.session.stop_reasons(bench.now)[0]
 
 
-def test_faults_told_before_the_error_do_not_delay_the_poll() -> None:
-    bench = Bench().find_unit()
-    bench.run(2.0)
-    start = bench.now
-    bench.take(OPERATIONAL_ERROR, NO_FAULTS)
-    assert bench.asked(start) == ['02']
-
-
 def test_faults_without_an_error_are_polled_every_second_and_told_once() -> None:
     bench = Bench().find_unit()
     start, before = bench.now, len(bench.events)
@@ -133,24 +112,6 @@ def test_faults_that_are_not_answered_are_not_known() -> None:
     assert 'faults are not known' in bench.session.stop_reasons(bench.now)[0]
     bench.take(NO_FAULTS)
     assert not bench.session.estop
-
-
-def test_versions_are_polled_once() -> None:
-    bench = Bench().find_unit()
-    bench.session.request(Request.POLL_VERSIONS, bench.now)  # joins what is under way
-    assert of(Answer, bench.take(*VERSIONS)) == [
-        Answer(
-            Request.POLL_VERSIONS.value,
-            True,
-            'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, pCode 2.4; '
-            'config type 60320014, config 2.4',
-        )
-    ]
-    start = bench.now + 1e-9
-    bench.run(3.0)
-    bench.wait(1.0)
-    bench.run(1.0)
-    assert {'03', '04', '05'} & set(bench.asked(start)) == set()
 
 
 def test_poll_is_repeated_until_its_answer_and_asks_only_for_what_is_missing() -> None:
@@ -285,14 +246,6 @@ def test_reset_without_a_return_times_out() -> None:
     assert 'within 5 s of its reset' in answer.text
 
 
-def test_closing_answers_what_is_open() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5)
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    (answer,) = of(Answer, bench.close())
-    assert answer == Answer(Request.ENTER_SETUP.value, False, 'the port is not open')
-
-
 def test_vista_is_polled_at_its_rate_and_kept() -> None:
     bench = Bench(vista_rate=2.0).find_unit()
     bench.run(5.0)
@@ -357,19 +310,175 @@ def test_request_that_cannot_be_now_is_refused_in_words(
         bench.session.request(request_, bench.now)
 
 
-@pytest.mark.parametrize('request_', Request)
-def test_unit_that_was_not_found_cannot_be_asked(request_: Request) -> None:
-    bench = Bench()
+STICK = joystick('7D04010000000000', 0x33)
+ENTERED_SETUP = ef('46', destination=OURS)
+IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
+
+
+def found(**options: Any) -> Bench:
+    """Return one whose unit is heard, without a stop."""
+    bench = Bench(**options).find_unit()
+    assert not bench.session.estop
+    return bench
+
+
+# -- how bad it is --------------------------------------------------------------------------------
+
+
+def test_unit_that_is_not_enabled_is_a_warning_and_another_stop_is_an_error() -> None:
+    bench = found()
+    bench.take(NOT_ENABLED)
+    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    assert levels['check what the unit is enabled by: the enable input is not asserted'] is (
+        Level.WARN
+    )
+    bench.take(STICK)
+    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    (foreign,) = [text for text in levels if text.startswith('a foreign joystick')]
+    assert levels[foreign] is Level.ERROR
+
+
+# -- what a closed port leaves behind -------------------------------------------------------------
+
+
+def test_closed_port_leaves_nothing_due_and_nothing_known() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    bench.take(OUTPUTS, POSITION)
+    assert bench.session.unit.outputs(bench.now).outputs is not None
+    bench.close()
+    assert bench.session.drive.due == math.inf
+    assert bench.session.farewell(bench.now) == []
+    assert bench.session.unit.outputs(bench.now).outputs is None
+    assert bench.session.unit.faults is None
+
+
+# -- a unit that comes and goes -------------------------------------------------------------------
+
+
+def test_unit_that_was_never_heard_is_asked_nothing() -> None:
+    bench = Bench(unit_address=UNIT)
     bench.open()
-    with pytest.raises(ValueError, match='no unit was found'):
-        bench.session.request(request_, bench.now)
+    bench.take(STICK)
+    bench.wait(3.0)
+    assert bench.asked() == []
+    bench.take(OUTPUTS)
+    assert len(bench.asked()) > 1
 
 
-def test_no_motion_while_the_unit_is_being_reset() -> None:
-    bench = Bench().find_unit()
-    bench.run(0.1, REST)
-    start = bench.now
+# -- requests -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('request_', [Request.ZERO_POSITIONS, Request.RESET_CONTROLLER])
+def test_reset_is_answered_although_something_is_asked_meanwhile(request_: Request) -> None:
+    bench = found()
     bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.run(0.5, MOVE)
+    bench.wait(1.5)  # as it restarts
+    bench.take(OUTPUTS)
+    bench.session.request(request_, bench.now)
+    bench.take(ANNOUNCED)
+    (answer,) = [each for each in of(Answer, bench.events) if each.request == 'reset_controller']
+    assert answer.success
+
+
+# -- inputs ---------------------------------------------------------------------------------------
+
+
+def test_command_that_went_stale_before_a_refused_one_is_told_as_stale() -> None:
+    bench = Bench().moving()
+    bench.now += COMMAND_LIMIT + 0.01  # nobody has looked since
+    bench.session.refuse_command('axis 0 is nan', bench.now)
+    bench.poll()
+    (stopped,) = of(Stopped, bench.events)
+    assert stopped.reasons[0].startswith('command is stale')
+
+
+def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() -> None:
+    """``coast_time`` may be shorter than the time between two commands."""
+    bench = Turning(coast_time=0.1, command_timeout=2.0, estop_in_timeout=2.0).ready()
+    bench.command(MOVE)
+    bench.turns = True
+    for _ in range(55):
+        bench.run(SLOT, estop=None)
+        assert not bench.session.estop
+
+
+# -- questions ------------------------------------------------------------------------------------
+
+
+def test_unit_that_is_back_is_asked_for_its_faults_at_once() -> None:
+    """Those of before may be others now, and type 01 need not come."""
+    bench = found()
+    bench.take(*VERSIONS)
+    bench.wait(LINK_LIMIT - 0.1)
+    bench.take(OPERATIONAL_ERROR)
+    assert bench.asked()[-1] == '02'
+    bench.take(NO_FAULTS)
+    bench.wait(LINK_LIMIT + 0.1)
+    assert not bench.session.link_up
+    since = bench.now
+    bench.take(OUTPUTS)
+    assert '02' in bench.asked(since)
+
+
+def test_vista_of_a_unit_that_fell_silent_is_not_polled() -> None:
+    bench = found(vista_rate=10.0)
+    bench.wait(LINK_LIMIT + 0.1)
+    assert not bench.session.link_up
+    since = bench.now
+    bench.wait(1.0)
+    assert '21' not in bench.asked(since)
+
+
+def asked_for_setup() -> Bench:
+    bench = found()
+    bench.run(0.1, REST)
+    bench.session.request(Request.ENTER_SETUP, bench.now)
+    bench.poll()
+    bench.take(OUTPUTS)
+    assert IN_SETUP not in bench.session.inhibits(bench.now)
+    return bench
+
+
+def test_unit_that_says_so_is_in_setup_mode_asked_or_not() -> None:
+    for bench in (asked_for_setup(), found()):
+        bench.take(ENTERED_SETUP)
+        bench.run(0.1, REST)
+        assert IN_SETUP in bench.session.inhibits(bench.now)
+        assert [e for e in bench.events if isinstance(e, Handover)][-1].in_setup
+
+
+@pytest.mark.parametrize('lost', ['acknowledgement', 'input', 'port'])
+def test_unit_that_was_asked_for_setup_mode_may_be_in_it_without_its_acknowledgement(
+    lost: str,
+) -> None:
+    bench = asked_for_setup()
+    if lost == 'input':
+        bench.session.interrupted('this node was held up', bench.now)
+        bench.poll()
+    elif lost == 'port':
+        bench.session.closed(bench.now)
+        bench.open()
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    start = bench.now
+    bench.run(1.1, REST)
+    bench.run(0.1, MOVE)
+    assert IN_SETUP in bench.session.inhibits(bench.now)
     assert bench.all_neutral(start)
-    assert 'the unit is being reset' in bench.session.inhibits(bench.now)
+    bench.session.request(Request.RESET_CONTROLLER, bench.now)
+    bench.run(2.0, unit=False)
+    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
+    bench.run(0.1, REST)
+    assert bench.session.inhibits(bench.now) == []
+
+
+# -- words ----------------------------------------------------------------------------------------
+
+
+def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> None:
+    bench = Turning(automatic_motion=True).ready()
+    bench.run(0.1, DEPLOY)
+    bench.turns = True
+    bench.run(0.4, REST)
+    bench.run(0.1, REST, estop=True)
+    assert bench.session.demand.withheld
+    assert 'SOE permission' not in str(bench.session.problems(bench.now))

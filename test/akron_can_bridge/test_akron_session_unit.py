@@ -1,9 +1,12 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the Akron session makes of what the unit says: stops, events, noise."""
+"""What the Akron session makes of what the unit says: stops, events, noise, diagnostics."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -14,14 +17,15 @@ from akron_can_bridge.protocol import (
     DigitalOutputs,
     Fault,
     FaultStatus,
+    Name,
     Output,
-    Status,
     Vista,
     VistaData,
     VistaPosition,
 )
 from akron_can_bridge.session import (
     Cause,
+    DeviceChanged,
     FaultsChanged,
     FILTERS,
     LimitsChanged,
@@ -31,7 +35,7 @@ from akron_can_bridge.session import (
 )
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged, Verdict
+from bridge_core.session import Level, StopChanged, Verdict
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
@@ -39,44 +43,26 @@ from stage.akron_session_rig import (
     faults,
     joystick,
     LINK_LIMIT,
+    MOVE,
     moved,
     NAME,
+    name,
     NO_FAULTS,
     NOT_ENABLED,
     of,
+    OTHER_ANNOUNCED,
+    OTHER_PIN,
+    OURS,
     OUTPUTS,
     PIN,
     POSITION,
+    REST,
     VERSIONS,
 )
 
 VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 
 # -- stops ----------------------------------------------------------------------------------------
-
-
-def test_silence_is_a_stop_at_the_limit() -> None:
-    bench = Bench().find_unit()
-    bench.wait(LINK_LIMIT - 1e-3)
-    assert not bench.session.estop
-    events = bench.wait(2e-3)
-    assert events[0] == StopChanged(Verdict(True, True, False))
-    assert bench.session.stop_reasons(bench.now) == [
-        f'check power and CAN wiring of unit {PIN}: it is silent, last heard 301 ms ago, limit '
-        '300 ms'
-    ]
-
-
-def test_closed_port_is_a_stop_and_forgets_the_unit() -> None:
-    bench = Bench().moving()
-    events = bench.close()
-    assert events[0] == StopChanged(Verdict(True, True, False))
-    assert bench.session.stop_reasons(bench.now) == ['the port is not open']
-    bench.open()
-    bench.take(OUTPUTS, NO_FAULTS)
-    assert bench.session.estop
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    assert not bench.session.estop
 
 
 def test_enable_input_that_is_not_told_any_more_is_a_stop() -> None:
@@ -130,13 +116,6 @@ def test_cause_that_is_not_listed_is_no_stop_but_is_known(cause: Cause) -> None:
     assert 'no stop: estop_on' in without.session.warnings(without.now)[0]
 
 
-def test_unknown_is_a_stop_whichever_cause_counts() -> None:
-    for cause in set(Cause) - {Cause.FOREIGN_JOYSTICK}:  # of which silence is none
-        bench = Bench(estop_on=frozenset({cause}))
-        bench.open()
-        assert bench.session.estop
-
-
 @pytest.mark.parametrize('counted', [frozenset(Cause), frozenset({Cause.FOREIGN_JOYSTICK})])
 def test_discarded_input_is_a_stop_whichever_cause_counts(counted: frozenset[Cause]) -> None:
     bench = Bench(estop_on=counted).moving()
@@ -180,17 +159,6 @@ def test_limits_are_told_on_change_and_when_they_cease() -> None:
     assert of(LimitsChanged, bench.wait(1.0)) == [LimitsChanged()]
 
 
-def test_turning_changes_no_limit() -> None:
-    bench = Bench().find_unit()
-    bench.take(POSITION)
-    before = len(bench.events)
-    turn(bench, 2.0)
-    assert of(LimitsChanged, bench.events[before:]) == []
-    (broken,) = of(LimitsChanged, bench.take(ef('011D9A0371000041')))
-    assert broken.position is not None
-    assert broken.position.rotation.fault is Status.ERROR
-
-
 def test_outputs_and_inputs_are_told_with_those_of_the_neighbours() -> None:
     bench = Bench().find_unit()
     (first,) = of(OutputsChanged, bench.events)
@@ -224,16 +192,6 @@ def test_mini_universal_as_the_unit_reports_its_fault() -> None:
     assert not bench.session.estop
     bench.take(ef('FF83150266021A0B', 0x90), ef('84C000', 0x90))  # from its next address
     assert bench.session.estop
-
-
-@pytest.mark.parametrize('options', [{'device_type': 1033}, {'device_pin': '1033AE100801035'}])
-def test_another_mini_universal_never_vouches_for_ours(options: dict[str, Any]) -> None:
-    bench = Bench(**options)
-    bench.open()
-    bench.take(ef('848002', 0x82), ef('FF83150266021A0B', 0x81))
-    assert bench.session.estop
-    bench.take(ef('84C000', 0x81))
-    assert 'device faulted' in bench.session.stop_reasons(bench.now)[0]
 
 
 # -- noise ----------------------------------------------------------------------------------------
@@ -322,3 +280,177 @@ def test_lost_unit_keeps_its_versions_alone(lose: Callable[[Unit], None]) -> Non
     assert unit.versions_known
     assert unit.faults is None
     assert not any(unit.kept(type(message)) for message in VISTA)
+
+
+def told(*frames: CanFrame, **options: Any) -> list[str]:
+    bench = Bench(**options).find_unit()
+    bench.take(*frames)
+    return bench.session.warnings(bench.now)
+
+
+WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
+    'another device (NAME 0000000000000001) claims our own address 38': (
+        [name('0100000000000000', OURS)],
+        {},
+    ),
+    f'{OTHER_PIN} would do as well as {PIN}': ([OTHER_ANNOUNCED], {}),
+    'the joystick at joy_source reports x error': (
+        [joystick('127D046400100000')],
+        {'joy_source': 0x33, 'allowed_joysticks': frozenset({0x33})},
+    ),
+    'SOE mode is active': ([ef('83C851')], {}),
+    'move the stick to give the SOE permission': ([ef('83C851')], {'soe_permissive': True}),
+    'the unit is in setup mode, or may be; call ~/reset_controller': (
+        [ef('46', destination=OURS)],
+        {},
+    ),
+    'a message is not as in the manual: type 83 cannot have 8 bytes': (
+        [ef('83C051FFFFFFFFFF')],
+        {},
+    ),
+    'the unit is not calibrated': ([ef('011D940371000040')], {}),
+    'the rotation position is in error': ([ef('011D9A0371000041')], {}),
+    'the elevation position is in error': ([ef('011D94037A000041')], {}),
+    'faults: internal fuse blown; pCode error code 0': ([faults(1 << 21)], {}),
+    'faults: none; pCode error code 11 (rotation sensor error)': ([faults(0, 11)], {}),
+}
+
+
+@pytest.mark.parametrize('text', WARNINGS)
+def test_each_cause_has_its_sentence(text: str) -> None:
+    frames, options = WARNINGS[text]
+    (warning,) = told(*frames, **options)
+    assert warning.startswith(text)
+
+
+def test_unit_whose_messages_are_padded_is_not_said_to_be_silent() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(ANNOUNCED)
+    for _ in range(10):
+        bench.wait(0.1)
+        bench.take(ef('83C051FFFFFFFFFF'))
+    (reason,) = bench.session.stop_reasons(bench.now)
+    assert f'the firmware of unit {PIN}' in reason
+    assert 'type 83 cannot have 8 bytes' in reason
+    bench.wait(1.0)
+    assert 'it is silent' in bench.session.stop_reasons(bench.now)[0]
+
+
+def test_who_the_unit_is_and_who_claims_our_address_is_told_on_change() -> None:
+    bench = Bench()
+    bench.open()
+    bench.take(NAME, ANNOUNCED, ANNOUNCED, NAME)
+    bench.take(*(name('0100000000000000', at) for at in (OURS, 0x99)))  # it gives way
+    known = DeviceChanged(PIN, 1032, 0x80, Name.from_bytes(NAME.data))
+    assert of(DeviceChanged, bench.events) == [
+        known,
+        replace(known, namesake=Name(1, 0)),
+        known,
+    ]
+
+
+def test_what_is_asked_for_is_no_warning() -> None:
+    assert told(soe_permissive=True) == []
+    assert told(OTHER_ANNOUNCED, device_pin=PIN) == []
+    # Not available is not broken: there are units without sensors and calibration.
+    assert told(ef('01000F000F000043')) == []
+
+
+def test_stale_input_is_a_warning_and_a_command_that_is_held_none() -> None:
+    bench = Bench().find_unit()
+    assert (Level.WARN, 'an input is stale') in bench.session.problems(bench.now)
+    bench.run(0.2, REST, estop=True)
+    assert bench.session.problems(bench.now) == []
+    bench.run(0.3, REST, estop=None)
+    assert bench.session.problems(bench.now) == [(Level.WARN, 'an input is stale')]
+
+
+def test_figures_of_motion() -> None:
+    bench = Bench().moving()
+    assert bench.session.values(bench.now)['motion commanded'] is True
+    assert bench.session.values(bench.now)['neutral because'] == 'commands go out'
+    bench.estop_in(True)
+    bench.command(MOVE)
+    found = bench.session.values(bench.now)
+    assert found['motion commanded'] is False
+    assert found['neutral because'] == 'e-stop input is true; last stop: e-stop input is true'
+    bench.command(REST)
+
+
+# By hand: voltage 512, digital output 1 and digital input 1 on, X 100, Y 3, all else 0.
+VISTA_DATA = ef(f'21{512 << 46 | 1 << 41 | 1 << 32 | 100 << 22 | 3 << 6:014X}', destination=OURS)
+TURNS = [ef(f'01{degrees}40371000041') for degrees in ('1D9', '1E3', '1ED')]  # 47.3, 48.3, 49.3
+FIGURES: list[tuple[dict[str, Any], list[CanFrame], dict[str, Any]]] = [
+    (
+        {},
+        [],
+        {
+            'unit': 'not found yet',
+            'address': 'none',
+            'source address': '38',
+            'versions': 'not known',
+            'faults': 'not known',
+        },
+    ),
+    (
+        {},
+        [ANNOUNCED, *VERSIONS, NO_FAULTS],
+        {
+            'unit': PIN,
+            'type': '6032 Universal II',
+            'address': '80',
+            'faults': 'faults: none; pCode error code 0 (none)',
+            'versions': 'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, '
+            'pCode 2.4; config type 60320014, config 2.4',
+            'motion commanded': False,
+            'motion reported': 'none',
+            'other Akron Brass devices': 'none',
+            'joysticks heard': 'none',
+        },
+    ),
+    (
+        {'allowed_joysticks': frozenset({0x35})},
+        [ANNOUNCED, OTHER_ANNOUNCED, joystick(), joystick(source=0x35)],
+        {
+            'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)',
+            'joysticks heard': '33 foreign, 35 allowed',
+        },
+    ),
+    (
+        {'device_pin': '1032AE100801037'},
+        [OTHER_ANNOUNCED],
+        {'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)'},
+    ),
+    ({}, [ANNOUNCED, *TURNS], {'motion reported': 'moves'}),
+    (
+        {},
+        [ANNOUNCED, VISTA_DATA, ef('2212345678', destination=OURS)],
+        {
+            'Vista: system voltage (raw)': 512,
+            'Vista: joystick X, Y (raw)': '100, 3',
+            'Vista: on': 'digital output 1, digital input 1',
+            'Vista: rotation, elevation (raw)': f'{0x1234}, {0x5678}',
+        },
+    ),
+    ({}, [ANNOUNCED, ef(f'21{"00" * 7}', destination=OURS)], {'Vista: on': 'none'}),
+    (
+        {},
+        [ANNOUNCED, ef('FE413F0D0A', destination=OURS), ef('FD01000000')],
+        {'ASCII pipe': repr('A?\r\n'), 'diagnostic data': 'type 01: 00 00 00'},
+    ),
+]
+
+
+@pytest.mark.parametrize(('options', 'frames', 'expected'), FIGURES)
+def test_figures_by_name(
+    options: dict[str, Any], frames: list[CanFrame], expected: dict[str, Any]
+) -> None:
+    bench = Bench(**options)
+    bench.open()
+    for frame in frames:
+        bench.take(frame)
+        bench.wait(0.1)
+    found = bench.session.values(bench.now)
+    assert {name: found[name] for name in expected} == expected
+    assert not [data for data in bench.asked() if data[:2] in ('FE', 'FD')]

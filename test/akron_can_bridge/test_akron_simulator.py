@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 import json
+from typing import Any
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 import pytest
 
-from akron_can_bridge import protocol
 from akron_can_bridge.simulator import BOOT_TIME, frames, Simulator
 from bridge_core.j1939 import CanFrame
 from stage.akron_bus import Bench, Bus, RIGHT
@@ -73,38 +74,9 @@ def test_claims_its_address_and_announces_it_when_nobody_contends() -> None:
     assert min(bus.times('18EFFF80', '01')) >= announced
 
 
-def test_keeps_its_address_against_a_higher_name() -> None:
-    bench = Bench()
-    bench.heard.clear()
-    bench.say('18EEFF80', 'FFFFFFFFFFFFFFFF').run(0.5)
-    assert bench.of('18EEFF80') == [GOLDEN['name'][1]]
-    assert bench.described['address'] == '80'
-    assert len(bench.of('18EFFF80', '01')) == 5
-
-
-def test_loses_its_address_to_a_lower_name_and_announces_the_next() -> None:
-    bench = Bench()
-    bench.say('18EEFF80', '0000000000000000').run(0.5)
-    assert bench.described['address'] == '81'
-    assert bench.of('18EEFF81') == [GOLDEN['name'][1]]
-    assert len(bench.of('18EFFF81', 'FF')) == 1
-    assert bench.of('18EFFF80') == []
-    bench.say('18EF8005', '02').say('18EF8105', '02').run(0.1)
-    assert len(bench.of('18EF0581', '02')) == 1
-
-
 def test_twins_do_not_chase_each_other_round_the_addresses() -> None:
     bus = Bus(Simulator(), Simulator()).run(1.0)
-    assert len(bus.of('18EEFF80')) == 2
-    assert bus.of('18EEFF81') == []
-
-
-def test_address_that_its_holder_left_is_free_again() -> None:
-    unit = Simulator()
-    bus = Bus(unit).run(0.0)
-    bus.say('18EEFF81', '0100000000000000').say('18EEFF90', '0100000000000000')
-    bus.say('18EEFF80', '0000000000000000').run(0.5)
-    assert unit.describe()['address'] == '81'
+    assert (len(bus.of('18EEFF80')), bus.of('18EEFF81')) == (2, [])
 
 
 def test_no_address_left_is_said_and_it_stays_silent() -> None:
@@ -128,78 +100,74 @@ def test_name_request_is_answered_by_the_name_and_then_the_announcement() -> Non
     assert GOLDEN['name'][1] not in [heard.frame.data.hex().upper() for heard in bench.heard]
 
 
+@pytest.mark.parametrize(
+    ('name', 'address', 'said'), [('FF' * 8, '80', 0), ('00' * 8, '81', 1)], ids=['high', 'low']
+)
+def test_address_is_kept_against_a_higher_name_and_lost_to_a_lower_one(
+    name: str, address: str, said: int
+) -> None:
+    bench = Bench()
+    bench.say('18EEFF80', name).run(0.5)
+    assert bench.described['address'] == address
+    assert bench.of(f'18EEFF{address}') == [GOLDEN['name'][1]]
+    assert len(bench.of(f'18EFFF{address}', 'FF')) == said
+    bench.say('18EF8005', '02').say('18EF8105', '02').run(0.1)
+    assert len(bench.of(f'18EF05{address}', '02')) == 1
+
+
 # -- its broadcasts -------------------------------------------------------------------------------
 
+KINDS: list[tuple[dict[str, Any], str]] = [
+    ({'device_type': 1032}, '01 81 82 83'),
+    ({'device_type': 1033}, '84'),
+    ({'device_type': 1040}, '01 83'),
+    ({'device_type': 1042}, '01 83'),
+    ({'device_type': 1052}, '83'),
+    ({'feedback': False}, '01 83'),
+]
 
-@pytest.mark.parametrize(
-    ('device_type', 'kinds'),
-    [
-        (1032, {'01', '81', '82', '83'}),
-        (1033, {'84'}),
-        (1040, {'01', '83'}),
-        (1042, {'01', '83'}),
-        (1052, {'83'}),
-    ],
-)
+
+@pytest.mark.parametrize(('options', 'kinds'), KINDS)
 def test_every_device_broadcasts_its_own_kinds_every_100_ms(
-    device_type: int, kinds: set[str]
+    options: dict[str, Any], kinds: str
 ) -> None:
-    bench = Bench(device_type=device_type)
+    bench = Bench(**options)
     bench.run(2.0)
-    assert {data[:2] for data in bench.of('18EFFF80')} == kinds
-    for kind in kinds:
-        assert len(bench.of('18EFFF80', kind)) == pytest.approx(20, abs=1)
+    counts = Counter(data[:2] for data in bench.of('18EFFF80'))
+    assert counts == pytest.approx(dict.fromkeys(kinds.split(), 20), abs=1)
 
 
-def test_unit_without_feedback_has_no_positions_and_no_soft_limits() -> None:
-    bench = Bench(feedback=False)
-    bench.run(0.3)
-    assert {data[:2] for data in bench.of('18EFFF80')} == {'01', '83'}
-    assert {data[:10] for data in bench.of('18EFFF80', '01')} == {'01FFFFFFFF'}
+MINI = {'device_type': 1033}
+SHOWN: list[tuple[dict[str, Any], str, str]] = [
+    # Digital outputs.
+    *(({}, 'enable off', '834005'), ({}, 'soe on', '83C805'), ({}, 'pointaim on', '83D005')),
+    *(({}, 'output riser_high on', '83C205'), ({}, 'output riser_low on', '83C105')),
+    *(({}, 'output aux_agent on', '83C085'), ({}, 'output handheld_led on', '83C015')),
+    *(({}, 'output remote_mode on', '83C00D'), ({}, 'output not_in_zone off', '83C001')),
+    *(({}, 'output point_aim_led on', '83C007'), ({}, 'output panel_led off', '83C004')),
+    *(({}, 'position 4 1', '83C025'), ({}, 'position 5 0.2', '83C045')),
+    (MINI, 'output riser_retracted on', '848001'),
+    (MINI, 'fault fuse on', '84C000'),
+    *((MINI, 'deploy', '848000'), ({}, 'input allowed on', '8501'), ({}, 'input stow on', '8504')),
+    # Positions and limits; axis 5 is at its closed end: 11 hex in the last byte.
+    ({'feedback': False}, 'calibrated on', '01FFFFFFFF000011'),
+    *(({}, 'position 1 47.3', '011D940000000011'), ({}, 'position 2 -5.5', '0100000371000011')),
+    *(({}, 'position 1 175', '016D640000400011'), ({}, 'position 1 -175', '016D610000100011')),
+    *(({}, 'position 2 90', '0100003844040011'), ({}, 'position 2 -45', '0100001C21010011')),
+    *(({}, 'position 3 1', '0100000000004011'), ({}, 'position 3 0', '0100000000001011')),
+    *(({}, 'position 4 1', '0100000000000411'), ({}, 'position 4 0', '0100000000000111')),
+    *(({}, 'position 5 1', '0100000000000041'), ({}, 'calibrated off', '0100000000000010')),
+    ({}, 'sensor rotation error', '01FFFA0000000015'),
+    ({}, 'sensor elevation unavailable', '010000FFFF000011'),
+    *(({}, 'fault fuse on', '0100000000000015'), ({}, 'pcode 7', '0100000000000015')),
+]
 
 
-def test_io_module_speaks_once_an_input_was_set() -> None:
-    bench = Bench()
-    bench.run(0.3)
-    assert bench.of('18EFFFD0') == []
-    bench.apply('input allowed on').run(0.3)
-    assert set(bench.of('18EFFFD0')) == {'8501'}
-
-
-@pytest.mark.parametrize(
-    ('line', 'data'),
-    [
-        # Digital outputs.
-        *(('enable off', '834005'), ('soe on', '83C805'), ('pointaim on', '83D005')),
-        *(('output riser_high on', '83C205'), ('output riser_low on', '83C105')),
-        *(('output aux_agent on', '83C085'), ('output handheld_led on', '83C015')),
-        *(('output remote_mode on', '83C00D'), ('output not_in_zone off', '83C001')),
-        *(('output point_aim_led on', '83C007'), ('output panel_led off', '83C004')),
-        *(('position 4 1', '83C025'), ('position 5 0.2', '83C045')),
-        # Positions and limits; axis 5 is at its closed end: 11 hex in the last byte.
-        *(('position 1 47.3', '011D940000000011'), ('position 2 -5.5', '0100000371000011')),
-        *(('position 1 175', '016D640000400011'), ('position 1 -175', '016D610000100011')),
-        *(('position 2 90', '0100003844040011'), ('position 2 -45', '0100001C21010011')),
-        *(('position 3 1', '0100000000004011'), ('position 3 0', '0100000000001011')),
-        *(('position 4 1', '0100000000000411'), ('position 4 0', '0100000000000111')),
-        *(('position 5 1', '0100000000000041'), ('calibrated off', '0100000000000010')),
-        ('sensor rotation error', '01FFFA0000000015'),
-        ('sensor elevation unavailable', '010000FFFF000011'),
-        *(('fault fuse on', '0100000000000015'), ('pcode 7', '0100000000000015')),
-    ],
-)
-def test_broadcasts_show_its_state(line: str, data: str) -> None:
-    bench = Bench(line)
+@pytest.mark.parametrize(('options', 'line', 'data'), SHOWN)
+def test_broadcasts_show_its_state(options: dict[str, Any], line: str, data: str) -> None:
+    bench = Bench(line, **options)
     bench.run(0.2)
-    assert bench.of('18EFFF80', data[:2])[-1] == data
-
-
-def test_mini_universal_shows_its_riser_and_faults() -> None:
-    bench = Bench('output riser_retracted on', device_type=1033)
-    bench.run(0.2)
-    assert bench.of('18EFFF80', '84')[-1] == '848001'
-    bench.apply('fault fuse on').run(0.2)
-    assert bench.of('18EFFF80', '84')[-1] == '84C001'
+    assert bench.of('18EFFFD0' if data[:2] == '85' else '18EFFF80', data[:2])[-1] == data
 
 
 # -- what it is asked -----------------------------------------------------------------------------
@@ -302,39 +270,10 @@ def test_muted_or_switched_off_says_nothing() -> None:
 # -- its frames and our codec ---------------------------------------------------------------------
 
 
-@given(
-    st.floats(-175, 175),
-    st.floats(-45, 90),
-    st.sets(st.sampled_from(sorted(frames.FAULTS))),
-    st.integers(0, 65535),
-)
-@settings(max_examples=50)
-def test_our_codec_reads_what_it_shows(
-    rotation: float, elevation: float, faults: set[str], pcode: int
-) -> None:
-    lines = [f'fault {name} on' for name in sorted(faults)]
-    bench = Bench(f'position 1 {rotation}', f'position 2 {elevation}', f'pcode {pcode}', *lines)
-    bench.run(0.0).say('18EF8005', '02').run(0.15)
-    read = [protocol.decode(heard.frame).message for heard in bench.heard if heard.sender]
-    position = next(m for m in read if isinstance(m, protocol.PositionLimit))
-    assert position.rotation.degrees == pytest.approx(rotation, abs=0.051)
-    assert position.elevation.degrees == pytest.approx(elevation, abs=0.051)
-    assert position.operational_error == int(bool(faults or pcode))
-    status = next(m for m in read if isinstance(m, protocol.FaultStatus))
-    assert (len(protocol.flag_names(status.faults)), status.pcode) == (len(faults), pcode)
+IDENTIFIERS = ['0CFDD633', '0CFDD733', '18EF8005', '18EEFF80', '18EAFF05', '19EF8005']
 
 
-@given(st.lists(st.builds(CanFrame, st.integers(0, 2**29 - 1), st.binary(max_size=8))))
-def test_any_frame_is_taken_and_moves_nothing(foreign: list[CanFrame]) -> None:
-    bench = Bench()
-    for frame in foreign:
-        if frame.identifier >> 8 & 0x1FFFE != 0xFDD6:
-            bench.unit.receive(frame, bench.now)
-    bench.run(0.1)
-    assert not bench.unit.motion.moving
-
-
-@given(st.binary(max_size=8), st.sampled_from(['0CFDD633', '0CFDD733', '18EF8005', '18EEFF80']))
+@given(st.binary(max_size=8), st.sampled_from(IDENTIFIERS))
 def test_any_data_is_taken(data: bytes, identifier: str) -> None:
     bench = Bench()
     bench.say(identifier, data.hex()).run(0.5)

@@ -12,16 +12,13 @@ from typing import Any
 import pytest
 
 from bridge_core.session import Answer
-from esi_drive_bridge.protocol import Layout, Mode
-from esi_drive_bridge.session import AxesVerdict, EnabledChanged, EnableRefused, Phase, Stopped
+from esi_drive_bridge.session import AxesVerdict, EnabledChanged, Phase, Stopped
 from stage.esi_drive_rig import (
     ask,
-    axes,
     crc,
     fields,
     IDLE,
     interrupt,
-    make_settings,
     play,
     Rig,
     RUNNING,
@@ -66,13 +63,6 @@ def rig() -> Apart:
     return Apart()
 
 
-def start(rig: Rig) -> None:
-    """Have both axes enabled and told 100 and -5."""
-    play(rig, {'enable': False}, 3, {'enable': True}, 2, {'status': RUNNING}, 2)
-    play(rig, {'command': (100.0, -5.0)}, 2)
-    assert fields(rig.frames[-1][1]) == ((True, False, 100), (True, False, -5))
-
-
 def own(number: int, value: bool | None) -> Any:
     """Have an axis's own enable say this from now on; None: nothing."""
     return lambda rig: rig.own.__setitem__(number, value)
@@ -105,7 +95,7 @@ BOTH_STOP: dict[str, tuple[list[Step], str]] = {
 @pytest.mark.parametrize('name', B_STOPS)
 def test_what_stops_axis_b_leaves_axis_a_alone(rig: Apart, name: str) -> None:
     steps, reason = B_STOPS[name]
-    start(rig)
+    rig.start()
     play(rig, *steps)
     assert rig.phases() == [Phase.ENABLED, Phase.DISABLED]
     assert fields(rig.frames[-1][1]) == ((True, False, 100), (False, False, 0))
@@ -126,7 +116,7 @@ def test_what_stops_axis_b_leaves_axis_a_alone(rig: Apart, name: str) -> None:
 @pytest.mark.parametrize('name', BOTH_STOP)
 def test_what_both_depend_on_stops_both(rig: Apart, name: str) -> None:
     steps, reason = BOTH_STOP[name]
-    start(rig)
+    rig.start()
     play(rig, *steps)
     assert rig.phases() == [Phase.DISABLED] * 2
     assert fields(rig.frames[-1][1]) == ((False, False, 0),) * 2
@@ -135,7 +125,7 @@ def test_what_both_depend_on_stops_both(rig: Apart, name: str) -> None:
 
 
 def test_axis_that_does_not_obey_stops_both(rig: Apart) -> None:
-    start(rig)
+    rig.start()
     play(rig, own(1, False), 90)
     assert rig.phases() == [Phase.ENABLED, Phase.DISABLED]
     rig.tick(12)
@@ -166,7 +156,7 @@ def test_verdict_names_the_axes(
 
 
 def test_enabled_is_told_of_each_axis(rig: Apart) -> None:
-    start(rig)
+    rig.start()
     play(rig, {'status': status(1, 0)}, 1)
     told = [EnabledChanged(True), EnabledChanged(True, 1), EnabledChanged(False, 1)]
     assert rig.of(EnabledChanged) == told
@@ -188,12 +178,6 @@ def test_edge_is_that_of_both_enables_in_any_order(rig: Apart, order: tuple[int,
     assert rig.phases()[1] is Phase.ENABLING
 
 
-def test_enable_in_vain_is_told_of_its_axis(rig: Apart) -> None:
-    play(rig, {'status': said((0, 0), (2, 0x20))}, 3, {'enable': True}, 1)
-    assert [event.axis for event in rig.of(EnableRefused)] == [B]
-    assert rig.phases() == [Phase.ENABLING, Phase.DISABLED]
-
-
 CLEARS: dict[str, tuple[list[Step], list[tuple[str, bool]]]] = {
     'b alone': (
         [ask('clear_axis_errors', 1), 1, {'status': RUNNING}, 1],
@@ -212,7 +196,7 @@ CLEARS: dict[str, tuple[list[Step], list[tuple[str, bool]]]] = {
 @pytest.mark.parametrize('name', CLEARS)
 def test_errors_of_one_axis_are_cleared_while_the_other_moves(rig: Apart, name: str) -> None:
     steps, answers = CLEARS[name]
-    start(rig)
+    rig.start()
     play(rig, {'status': B_FAULT}, 3, *steps)
     assert [(event.request, event.success) for event in rig.of(Answer)] == answers
     assert rig.phases()[0] is Phase.ENABLED
@@ -220,16 +204,3 @@ def test_errors_of_one_axis_are_cleared_while_the_other_moves(rig: Apart, name: 
     assert any(cleared) == (name != 'a has none')
     assert not any(fields(frame)[0][1] for _, frame in rig.frames)  # never of axis A
     assert not cleared[-1]
-
-
-def test_errors_of_all_are_cleared_once_those_of_each_axis_are(rig: Apart) -> None:
-    play(rig, {'status': said((2, 1), (2, 1))}, 3, ask('clear_errors'))
-    play(rig, {'status': said((2, 1), (0, 0))}, 2)
-    assert rig.of(Answer) == []
-    play(rig, {'status': IDLE}, 2)
-    assert rig.of(Answer) == [Answer('clear_errors', True, 'the errors are cleared')]
-
-
-def test_one_axis_cannot_be_apart() -> None:
-    with pytest.raises(ValueError, match='axes_enable = each: two names are needed'):
-        make_settings(axes=axes(Mode.VELOCITY)[:1], layout=Layout.PADDED, axes_enable='each')

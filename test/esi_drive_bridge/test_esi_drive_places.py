@@ -156,11 +156,6 @@ def test_where_nothing_is_measured_velocity_0_goes_out_and_no_place() -> None:
     assert line.hear(0, 1234) + line.wait(0.01) == [(Mode.POSITION, 1234)]
 
 
-def test_farewell_before_anything_is_measured_says_velocity_0() -> None:
-    line = Line()
-    assert said(list(line.session.farewell(line.now))) == [UNKNOWN] * 3
-
-
 def test_place_follows_an_axis_that_is_off_and_no_other() -> None:
     line = Line()
     line.hear(0, 10)

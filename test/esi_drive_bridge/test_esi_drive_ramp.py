@@ -83,27 +83,6 @@ def test_a_drive_that_was_enabled_all_the_time_begins_at_rest(rig: Rig) -> None:
 # Growing, and slowing down.
 
 
-@pytest.mark.parametrize('gap', [0.03, 0.09])
-def test_a_pause_is_not_made_up_for(rig: Rig, gap: float) -> None:
-    moving(rig)
-    rig.now += gap - TICK
-    assert values(rig.tick()) == [210]
-
-
-@pytest.mark.parametrize('goal', [0.0, 30.0, 199.0])
-def test_slowing_down_does_not_wait(rig: Rig, goal: float) -> None:
-    moving(rig)
-    rig.command = (goal, 0.0)
-    # The first packet of a tick leaves before its command.
-    assert values(rig.tick(2))[-1] == goal
-
-
-def test_a_change_of_direction_grows_from_zero(rig: Rig) -> None:
-    moving(rig)
-    rig.command = (-500.0, 500.0)
-    assert values(rig.tick(5))[-4:] == [-10, -20, -30, -40]
-
-
 def test_a_position_begins_where_the_axis_stands_and_moves_both_ways() -> None:
     rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
     rig.status = status(feedback=(1000, -1000))
@@ -331,12 +310,6 @@ def test_velocity_beside_another_is_never_above_its_own_and_slows_down_at_once(
                 size = abs(before) if before * goal > 0 else 0
                 assert abs(value) <= min(abs(goal), size + STEP + 1)
         was, now = said, now + pause
-
-
-def test_torque_grows_by_itself_as_it_may_brake() -> None:
-    ramp = Ramp(axes(Mode.TORQUE, slew_limit=LIMIT), TICK)
-    step(ramp, (100, -20), 100.0)
-    assert step(ramp, (100, -20), 100.0 + TICK) == (10, -10)
 
 
 def test_velocity_beside_a_position_does_not_wait_for_it() -> None:

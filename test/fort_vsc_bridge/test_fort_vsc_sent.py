@@ -71,36 +71,29 @@ def test_busy_line_takes_the_newest_of_each_key_later_but_no_rumble() -> None:
 
 
 @pytest.mark.parametrize('required', [False, True])
+@pytest.mark.parametrize('said', [[True], [False], [False, True, False]])
 def test_software_estop_that_is_forgotten_is_in_use_only_where_it_is_required(
-    required: bool,
+    said: list[bool], required: bool
 ) -> None:
-    bench = opened(require_software_estop=required)
-    bench.session.set_software_estop(True, bench.now)
+    """And what was asked before is neither asked for any more, nor makes it clear."""
+    bench = opened(require_software_estop=required, software_estop_timeout=5.0)
+    for stop in said:
+        bench.session.set_software_estop(stop, bench.now)
     bench.wait(0.2)
-    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
     bench.session.forget_software_estop(bench.now)
     bench.wait(1.0)
     assert bench.session.values(bench.now)['software e-stop in use'] is required
     assert bench.frames(0x21)[-1][1] == build_frame(0x21, bytes([required]))
 
 
-def test_software_estop_that_is_forgotten_leaves_no_stop_behind() -> None:
+def test_software_estop_that_is_forgotten_at_once_leaves_no_stop_behind() -> None:
     bench = opened(software_estop_timeout=5.0)
     for asked in (False, True, False):
         bench.session.set_software_estop(asked, bench.now)
     bench.session.forget_software_estop(bench.now)
     bench.session.set_software_estop(False, bench.now)  # somebody else
     bench.wait(0.2)
-    assert {frame for _, frame in bench.frames(0x21)} == {build_frame(0x21, b'\0')}
-
-
-def test_required_software_estop_that_is_forgotten_is_not_clear_by_what_was_heard() -> None:
-    bench = opened(require_software_estop=True, software_estop_timeout=5.0)
-    bench.session.set_software_estop(False, bench.now)
-    bench.wait(0.2)
-    bench.session.forget_software_estop(bench.now)
-    bench.wait(0.1)
-    assert bench.frames(0x21)[-1][1] == build_frame(0x21, b'\1')
+    assert {frame for _, frame in bench.frames(0x21)} == {CLEAR}
 
 
 def test_what_waits_while_input_is_discarded_is_not_done_later() -> None:
@@ -326,3 +319,11 @@ def test_setting_that_a_request_overrules_is_a_warning_until_it_is_as_wanted() -
         said = 'device.inactivity_pause_minutes: overruled by ~/set_user_value' in warnings(bench)
         assert said is overruled
     assert set(bench.session.setting_states.values()) == {'as wanted'}
+
+
+def test_setting_is_not_known_any_more_once_the_port_is_closed() -> None:
+    bench, device = opened(device=WANTED, configure_device=True), Simulator()
+    converse(bench, device, 20.0)
+    assert set(bench.session.setting_states.values()) == {'as wanted'}
+    bench.close()
+    assert set(bench.session.setting_states.values()) == {'not known yet'}

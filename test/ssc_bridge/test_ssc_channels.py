@@ -3,12 +3,13 @@
 
 """What the inputs and outputs of an SSC may be, as docs/devices/ssc.md lists it."""
 
+from collections.abc import Callable
 import math
 from typing import Any
 
 import pytest
 
-from ssc_bridge.channels import ButtonInput, Failsafe, Servo
+from ssc_bridge.channels import AxisInput, ButtonInput, Failsafe, Servo
 
 PULSE = {'failsafe': Failsafe.PULSE}
 
@@ -20,15 +21,30 @@ def test_button_counts_the_thresholds_that_the_pulse_is_above() -> None:
     assert [turned.value(us) for us in (1300, 1301, 1700, 1701)] == [2, 1, 1, 0]
 
 
-@pytest.mark.parametrize('thresholds', [(), (1700, 1300), (1500, 1500)])
-def test_thresholds_rise_and_there_is_one(thresholds: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r'button\.gear\.thresholds_us = .*each greater'):
-        ButtonInput('gear', 5, thresholds)
-
-
-def test_button_is_checked_by_its_parameters() -> None:
-    with pytest.raises(ValueError, match=r'button\.gear\.channel'):
-        ButtonInput('gear', 0)
+@pytest.mark.parametrize(
+    ('make', 'text'),
+    [
+        *(
+            (lambda given=given: AxisInput('x', 2, **given), text)
+            for text, given in (
+                ('min_us', {'min_us': 1500}),
+                ('min_us', {'max_us': 1500}),
+                ('min_us', {'min_us': 0}),
+                ('deadband', {'deadband': 1.0}),
+                ('deadband', {'deadband': math.nan}),
+            )
+        ),
+        *((lambda n=number: AxisInput('x', n), r'channel = ') for number in (0, 17)),
+        *((lambda n=number: ButtonInput('x', n), r'button\.x\.channel') for number in (0, 17)),
+        *(
+            (lambda us=us: ButtonInput('x', 1, us), r'button\.x\.thresholds_us = .*each greater')
+            for us in ((), (1700, 1300), (1500, 1500))
+        ),
+    ],
+)
+def test_pulse_input_that_cannot_be_is_rejected(make: Callable[[], Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        make()
 
 
 @pytest.mark.parametrize(

@@ -184,11 +184,6 @@ def test_file_that_is_not_there(
     assert error == f'ssc_config: cannot read {file}: No such file or directory\n'
 
 
-def test_binary_file_is_no_image(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file.write_bytes(bytes(range(256)))
-    assert run(capsys, 'check', file)[0] == 3
-
-
 @pytest.mark.parametrize('arguments', [[], ['fly'], ['dump', 'x'], ['restore', 'x'], ['show']])
 def test_wrong_arguments(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     status, _, error = run(capsys, *arguments)
@@ -283,22 +278,6 @@ def test_restore_that_breaks_off_is_told_truthfully(
     wait_for(lambda: unit.describe()['mode'] == mode, 5.0, mode)
 
 
-def test_terminal_closed_in_the_middle_of_a_restore_leaves_the_unit_as_it_was(
-    unit: PtyDevice, file: Path
-) -> None:
-    master, slave = os.openpty()
-    with Command('restore', str(file), '--port', str(unit.path), terminal=slave) as command:
-        command.read_from(master)
-        command.wait(PROMPT)
-        unit.apply('reboot')
-        command.wait('36 of 220 bytes sent')
-        os.close(master)  # as a dropped SSH session does: SIGHUP, and each further line fails
-        wait_for(lambda: command.process.poll() is not None, LONGEST, 'its end')
-    assert command.process.returncode == 4
-    assert memory(unit).stored == OTHERS.to_image()
-    wait_operation(unit)
-
-
 @each_ending
 def test_interrupted_before_the_unit_answers_has_changed_nothing(
     unit: PtyDevice, file: Path, number: int
@@ -308,19 +287,3 @@ def test_interrupted_before_the_unit_answers_has_changed_nothing(
         assert command.end() == 4, command.output
     assert 'No SSC was seen on this port' in command.output
     assert memory(unit).stored == OTHERS.to_image()
-
-
-def test_unplugged_while_it_is_read_leaves_no_file(unit: PtyDevice, tmp_path: Path) -> None:
-    target = tmp_path / 'backup.txt'
-    with under_way(unit, 'dump', target) as command:
-        unit.apply('unplug')
-        assert command.end() == 5, command.output
-    assert 'unplugged' in command.output
-    assert not target.exists()
-
-
-def test_port_in_use_is_told(unit: PtyDevice, file: Path) -> None:
-    with under_way(unit, 'restore', file):
-        with Command('restore', str(file), '--port', str(unit.path)) as second:
-            assert second.end() == 4
-        assert 'in use by another program' in second.output

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-import itertools
 import json
 from typing import Any
 
@@ -21,7 +20,6 @@ import pytest
 from ssc_bridge.config.image import Image
 from ssc_bridge.config.menus import Dialogue, readable, Screen, screen_of, Script
 from ssc_bridge.config.scripts import (
-    DIGIT_PERIOD,
     ENTRY,
     ENTRY_TRIES,
     Maintenance,
@@ -189,14 +187,6 @@ def test_dump_reads_any_split_and_waits_for_a_slow_unit(way: dict[str, Any]) -> 
     assert bench.drives
 
 
-def test_entry_string_is_repeated_only_while_nothing_answers() -> None:
-    bench = Bench(Simulator(image=GOLDEN.data))
-    bench.dump()
-    times = [at for at, keys in bench.sent if keys == ENTRY]
-    assert len(times) == 2  # the first came while it was starting
-    assert times[1] - times[0] >= 1.0
-
-
 @pytest.mark.parametrize('keys', [b'', b'1', b'c', b'2', b'13', b'ci', b'ci01', b'cd'])
 def test_menus_left_open_are_restarted_and_nothing_unsaved_is_read(keys: bytes) -> None:
     bench = Bench(Simulator(image=GOLDEN.data))
@@ -218,20 +208,6 @@ def test_unit_that_nobody_switches_off_or_that_is_silent_is_given_up(mute: bool)
     assert bench.keys.count(ENTRY) == ENTRY_TRIES
     assert bench.unit.how_it_stands == Standing.UNSEEN.value
     assert bench.drives
-
-
-def test_image_damaged_on_the_way_is_read_again() -> None:
-    passed = 0
-
-    def spoil(data: bytes) -> bytes:
-        nonlocal passed
-        place = data.find(b'4E204E20')
-        passed += place >= 0
-        return data.replace(b'4E204E20', b'4E204E21', 1) if passed == 1 else data
-
-    bench = Bench(Simulator(image=GOLDEN.data), from_unit=spoil)
-    assert bench.dump().result == GOLDEN
-    assert passed == 2
 
 
 def test_image_that_is_always_damaged_is_refused_and_the_unit_runs_on() -> None:
@@ -313,24 +289,6 @@ def test_restore_loads_checks_saves_restarts_and_reads_back(terminal: Terminal) 
     assert bench.drives
     progress = [line for line in bench.lines if line.endswith('bytes sent')]
     assert progress == [f'{n} of 220 bytes sent' for n in (36, 72, 108, 144, 180, 216, 220)]
-
-
-def test_restore_mends_a_unit_that_was_erased() -> None:
-    bench = Bench()
-    bench.simulator.apply('memory erased')
-    assert bench.restore().result == GOLDEN
-    assert bench.drives
-
-
-def test_digits_go_one_at_a_time() -> None:
-    bench = Bench()
-    bench.restore()
-    start = next(n for n, (_, keys) in enumerate(bench.sent) if keys == b'I') + 1
-    text = GOLDEN.text.strip().replace('\n', '\r').encode()
-    digits = bench.sent[start : start + len(text)]
-    assert b''.join(keys for _, keys in digits) == text
-    gaps = [b - a for (a, _), (b, _) in itertools.pairwise(digits)]
-    assert min(gaps) >= DIGIT_PERIOD - 1e-6
 
 
 @EVERY_TERMINAL
@@ -435,21 +393,19 @@ def test_d_that_becomes_e_is_told() -> None:
     assert bench.unit.standing is Standing.GARBLED
 
 
+def test_restore_mends_a_unit_that_was_erased() -> None:
+    bench = Bench()
+    bench.simulator.apply('memory erased')
+    assert bench.restore().result == GOLDEN
+    assert bench.drives
+
+
 @settings(max_examples=40)
 @given(at=st.floats(0.0, 19.0))
 def test_unplugged_at_any_moment_is_told_truthfully(at: float) -> None:
     bench = Bench(unplug_at=at)
     bench.restore()
     bench.assert_truth()
-
-
-def test_unplugged_in_the_middle_of_an_image_may_leave_part_of_it() -> None:
-    bench = Bench(unplug_at=8.0)
-    dialogue = bench.restore()
-    assert not dialogue.done
-    assert 'may hold a partial image' in bench.unit.how_it_stands
-    assert 'configuration mode' in bench.unit.how_it_stands
-    assert bench.simulator.memory.stored == bench.before
 
 
 @settings(max_examples=40)

@@ -7,20 +7,18 @@ from collections.abc import Iterator
 from pathlib import Path
 import signal
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, String, UInt16MultiArray
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 import yaml
 
 from rugged_teleop.ptys import PtyDevice
-from stage.rig import latched, NodeProcess, Observer, Pty, ROOT, wait_for
+from stage.rig import latched, NodeProcess, Observer, ROOT, wait_for
 from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
-from stage.ssc_rig import build_frame, status
-from stage.talkers import Diagnostics, Talker, values_of
+from stage.talkers import Talker, values_of
 
 pytestmark = pytest.mark.waits(60)
 
@@ -109,14 +107,6 @@ def test_lost_control_neutralises_joy(
     bench.wait_stop(False)
 
 
-def test_1_5_ms_is_a_state_of_its_own_where_configured(observer: Observer, tmp_path: Path) -> None:
-    with bench_of(tmp_path, observer, lost_link_is_stop=False, link_timeout=2.0) as bench:
-        bench.connect()
-        bench.port.apply('channel 1 1500')
-        bench.wait(lambda: bench.state.last == String(data='1.5 ms'), 'the state')
-        bench.observer.holds_for(lambda: not bench.estop.last.data, 0.3, 'no stop')
-
-
 def test_configuration_and_sources_are_shown(bench: Bench) -> None:
     bench.wait(lambda: bench.value('source of output 1') == 'SERIAL', 'the sources')
     assert bench.value('configuration ID') == '1'
@@ -152,15 +142,6 @@ def test_servos_obey_within_their_limits(bench: Bench, servo: Talker) -> None:
     bench.wait(lambda: bench.outputs.last.data[0] == 1900, 'message 12')
 
 
-def test_pulse_command_is_limited_by_the_servos(bench: Bench) -> None:
-    talker = bench.talker(
-        UInt16MultiArray, 'pulse_command', UInt16MultiArray(data=[32000, 1300, 700])
-    )
-    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1900, 1300, 700, 0], 'the pulses')
-    talker.leave()
-    bench.wait(lambda: bench.seen()['outputs_us'][:4] == [1200, 0, 0, 0], 'the failsafe')
-
-
 def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
     bench: Bench, servo: Talker
 ) -> None:
@@ -191,23 +172,6 @@ def test_silence_brings_the_failsafe(bench: Bench, servo: Talker, what: str) -> 
     bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe')
     if what == 'e-stop input':
         bench.wait(lambda: 'e-stop input is stale' in bench.message(), 'why')
-
-
-def test_output_that_is_not_on_serial_is_a_diagnostic(bench: Bench, servo: Talker) -> None:
-    bench.port.apply('channel 1 2000')
-    text = 'pan: output 1 is on PIN 1 (nibble 0), not on SERIAL'
-    bench.wait(lambda: text in bench.message(), 'the diagnostic')
-    assert bench.diagnostics.status(DEVICE).level == DiagnosticStatus.WARN
-
-
-def test_nonsense_is_refused_told_and_ends_the_command_before(bench: Bench, servo: Talker) -> None:
-    servo.pause()
-    before = int(bench.value('refused requests', LINK) or 0)
-    servo.message = position(nobody=1.0)
-    servo.resume()
-    bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
-    bench.wait(lambda: int(bench.value('refused requests', LINK)) > before, 'the count')
-    assert 'nobody' in bench.value('last refusal', LINK)
 
 
 def test_request_of_any_size_is_refused_and_keeps_its_wire(bench: Bench, servo: Talker) -> None:
@@ -274,18 +238,6 @@ def test_lockout_that_the_ssc_does_not_obey_says_so(observer: Observer, tmp_path
 # -- the link -------------------------------------------------------------------------------------
 
 
-def test_silence_is_a_stop_and_its_end_heals(bench: Bench, servo: Talker) -> None:
-    bench.port.apply('mute on')
-    bench.wait_stop(True)
-    bench.wait(lambda: bench.state.last == String(data='unknown'), 'the state')
-    bench.wait(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 'the failsafe all the same')
-    bench.wait(lambda: 'no status from the SSC' in bench.message(LINK), 'why')
-    silence(bench, servo)
-    bench.port.apply('mute off')
-    bench.wait_stop(False)
-    bench.observer.holds_for(lambda: bench.seen()['serial_us'][:2] == [1200, 0], 0.4, 'failsafe')
-
-
 def test_unplugged_is_a_stop_and_plugged_in_heals(bench: Bench, servo: Talker) -> None:
     bench.port.apply('unplug')
     bench.wait_stop(True)
@@ -302,47 +254,6 @@ def test_restarted_device_is_a_stop_until_it_was_read_anew(bench: Bench) -> None
     bench.port.apply('device reboot')
     bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
     bench.wait_stop(False)
-
-
-def test_garbage_is_a_stop_and_counted(observer: Observer, pty: Pty) -> None:
-    given = {'port': str(pty.path)}
-    with NodeProcess(f'{NAME}.node', given) as node:
-        estop = observer.record(Bool, f'/{NAME}/estop', latched())
-        diagnostics = Diagnostics(observer, f'/{NAME}')
-        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
-
-        def counted() -> bool:
-            if b'\x81\xa1\x0a\x00' in pty.read():  # it asks for the status
-                pty.write(b'\x81\xa1\x0a' * 300 + status()[:-1] + b'\0')
-            return int(diagnostics.value(LINK, 'malformed') or 0) > 100
-
-        observer.wait_for(counted, 15.0, lambda: node.output)
-        pty.write(status())  # healthy, but what it is set up to be is not known
-        observer.holds_for(lambda: bool(estop.last.data), 0.4, 'the stop')
-        assert node.process.poll() is None
-
-
-def test_message_against_the_configuration_is_a_stop(bench: Bench) -> None:
-    moment = time.monotonic()
-
-    def say(device: Any, now: float) -> None:
-        device._out.append(build_frame(11, bytes(5)))
-
-    bench.port.call(say)
-    bench.wait(lambda: any(m.data for _, m in bench.estop.since(moment)), 'a stop')
-    bench.wait_stop(False)
-    bench.wait(lambda: bench.value('messages against the configuration') != '0', 'the count')
-
-
-def test_absent_device_is_waited_for(observer: Observer, tmp_path: Path) -> None:
-    given = {'port': str(tmp_path / 'ssc')}
-    with NodeProcess(f'{NAME}.node', given) as node:
-        estop = observer.record(Bool, f'/{NAME}/estop', latched())
-        observer.wait_for(lambda: estop.last is not None, 15.0, lambda: node.output)
-        assert estop.last.data
-        with PtyDevice(new_simulator(), tmp_path / 'ssc'):
-            observer.wait_for(lambda: not estop.last.data, 15.0, lambda: node.output)
-        observer.wait_for(lambda: estop.last.data, 15.0, lambda: node.output)
 
 
 def test_another_ssc_than_the_one_of_config_id_is_not_driven(

@@ -36,11 +36,14 @@ from ssc_bridge.node import main
 main()
 """
 
-# A patient node, whose wires load when the test lets them: see gated_wire.py.
+# A patient node, whose wires load when the test lets them, see gated_wire.py, and are no forks of
+# what has loaded already.
 GATED_WIRES = """
 import stage.patience
 from bridge_core.transports import process
+from stage.toy_links import WITHOUT_TEMPLATE
 process._PROGRAM = 'stage.gated_wire'
+process.TEMPLATE = WITHOUT_TEMPLATE
 from ssc_bridge.node import main
 main()
 """
@@ -175,34 +178,6 @@ def test_new_wire_undoes_what_no_name_tells_it_of(observer: Observer, tmp_path: 
         bench.wait(lambda: driven() == (0, False, 0), 'the release')
 
 
-def test_what_waited_while_the_node_was_frozen_moves_nothing(
-    observer: Observer, tmp_path: Path
-) -> None:
-    """The kernel keeps it, and the middleware calls it new: here of a mux that has died since."""
-    with bench_of(tmp_path, observer, **SERVOS) as bench:
-        bench.connect()
-        out = bench.observer.publisher(KeyValue, f'{bench.name}/aux_outputs')
-        commands = bench.talker(JointState, 'servo_command', position(pan=0.5, tilt=-1.0))
-        bench.wait(lambda: tuple(bench.seen()['serial_us'][:2]) == DRIVING, 'the servos')
-        bench.wait(out.get_subscription_count, 'who takes outputs')
-        bench.node.signal(signal.SIGSTOP)
-        try:
-            let_pass(bench, 1.0)
-            commands.message = position(pan=-0.5, tilt=1.0)
-            out.publish(KeyValue(key='4.level', value='high'))
-            let_pass(bench, 0.5)
-            commands.pause()
-            bench.estop_in.pause()
-            let_pass(bench, 0.5)
-        finally:
-            bench.node.signal(signal.SIGCONT)
-        woken = time.monotonic()
-        bench.wait(lambda: 'frozen' in bench.value('last refusal', 'link'), 'refusals')
-        let_pass(bench, 1.0)
-        assert set(pulses_since(bench, woken)) <= {FAILSAFE}
-        assert not bench.seen()['aux'][3]['pin']
-
-
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])
 def test_node_that_dies_leaves_the_failsafe(
     observer: Observer, tmp_path: Path, number: int
@@ -255,16 +230,3 @@ def test_node_that_ends_behind_a_wire_that_died_leaves_the_failsafe(
             wait_for(lambda: gated_wire.opens(gate), 5.0, 'a process that still loads')
         bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
         assert pulses_since(bench, cause)[-1] == FAILSAFE
-
-
-def test_wire_that_is_killed_with_its_node_leaves_the_failsafe_to_its_spare(
-    observer: Observer, tmp_path: Path
-) -> None:
-    with bench_of(tmp_path, observer, **SERVOS) as bench:
-        drive(bench)
-        node = bench.node.process.pid
-        bench.wait(lambda: bench.value('spare process', LINK).isdigit(), 'a spare')
-        killed = time.monotonic()
-        for pid in (node, *wires_of(node)):
-            os.kill(pid, signal.SIGKILL)
-        bench.wait(lambda: pulses_since(bench, killed)[-1:] == [FAILSAFE], 'the failsafe')

@@ -6,7 +6,6 @@
 from collections.abc import Callable
 from typing import Any
 
-from hypothesis import given, settings, strategies as st
 import pytest
 
 from bridge_core.session import Answer, Level, StopChanged, Verdict
@@ -16,7 +15,6 @@ from ssc_bridge.session import (
     CommandStateChanged,
     ConfigurationRead,
     FailsafeBegun,
-    LOCKOUT,
     PulsesIn,
     PulsesOut,
     Session,
@@ -28,14 +26,12 @@ from ssc_bridge.session.polling import Poller
 from ssc_bridge.session.report import warnings
 from stage.ssc_rig import (
     build_frame,
-    configuration,
     INPUTS,
     OUTPUTS,
     PAN,
     Rig,
     STATES,
     status,
-    TICK,
     words,
 )
 
@@ -83,24 +79,6 @@ def test_health_of_a_link(script: str, reason: str) -> None:
     rig = Rig(poll_rates=(20.0, 0.0, 0.0, 0.0, 0.0)).start().play(script)
     assert rig.session.estop == rig.session.own_estop == bool(reason)
     assert reason in reasons(rig)
-
-
-def test_stop_until_status_and_configuration_were_read() -> None:
-    session = Session(Settings())
-    assert (session.estop, session.own_estop, session.link_up) == (True, True, False)
-    session.opened(0.0)
-    session.receive(status(), 0.0)
-    assert (session.link_up, session.estop) == (True, True)
-    session.receive(configuration(), 0.01)
-    session.receive(status(), 0.05)
-    assert (session.estop, session.stop_reasons(0.05)) == (False, [])
-
-
-def test_silence_is_a_stop_and_nothing_is_believed_any_more() -> None:
-    rig = Rig().start().play('mark; mute; 30')
-    assert rig.of(StopChanged) == [LOST]
-    assert rig.of(CommandStateChanged) == [CommandStateChanged(None)]
-    assert rig.session.command_state is None
 
 
 @pytest.mark.parametrize('change', ['close; open', 'lost'])
@@ -151,14 +129,6 @@ def test_silence_is_noticed_at_the_promised_deadline(
     assert ended == pytest.approx(heard + 0.237, abs=1e-4)
 
 
-def test_estop_in_of_before_a_lost_port_does_not_count() -> None:
-    rig = Rig().start().play('do us=1500; close; open; hear 10 15')
-    assert not rig.session.estop
-    (reason,) = rig.session.inhibits(rig.now)
-    assert 'e-stop input is stale: never heard' in reason
-    assert not rig.play('do us=1500').session.outputs.commanded()
-
-
 @pytest.mark.parametrize('state', STATES)
 @pytest.mark.parametrize('stops', [{'no signal'}, {'1 ms'}, {'no signal', '2 ms'}, set()])
 @pytest.mark.parametrize('lost_link', [False, True])
@@ -171,20 +141,6 @@ def test_command_state_is_a_stop_exactly_if_configured(
     assert (rig.session.link_up, rig.session.estop) == (True, is_stop)
     assert rig.session.own_estop == is_stop
     assert rig.of(CommandStateChanged) == [CommandStateChanged(CommandState(STATES[state]))]
-
-
-def test_stop_and_release_in_one_read_are_both_reported_in_order() -> None:
-    rig = Rig().start().play('do us=1500')
-    events, _ = rig.session.receive(status('no signal') + status(), rig.now)
-    assert stops_in(events) == [True, False]
-    assert not rig.session.outputs.commanded()  # what was asked before is forgotten
-
-
-def test_closed_port_is_a_stop_and_hears_nothing() -> None:
-    rig = Rig().start().play('mark; close')
-    assert LOST in rig.events
-    assert rig.session.poll(rig.now) == ([], [])
-    assert rig.session.receive(status(), rig.now) == ([], [])
 
 
 @pytest.mark.parametrize(
@@ -201,17 +157,6 @@ def test_deadline_is_never_past_once_all_was_done(script: str) -> None:
         rig.poll()
         rig.poll()  # what the answers have brought
         assert rig.session.deadline() > rig.now
-
-
-@given(st.lists(st.binary(max_size=40), max_size=20))
-@settings(max_examples=50)
-def test_garbage_never_releases_nor_raises(noise: list[bytes]) -> None:
-    session = Session(Settings())
-    session.opened(0.0)
-    for number, data in enumerate(noise):
-        session.receive(data, 0.01 * number)
-        session.poll(0.01 * number)
-        assert session.estop
 
 
 def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
@@ -253,12 +198,6 @@ def test_long_frame_on_a_slow_line_is_whole() -> None:
     assert (session.counters.frames, session.counters.expired) == (1, 0)
     session.receive(status()[:4], now)
     assert session.deadline() <= now + 2 * 54 * 10 / 9600  # 24 outputs
-
-
-def test_unknown_and_malformed_are_counted() -> None:
-    rig = Rig().start()
-    rig.hear(build_frame(99, b'abc') + build_frame(14, b'\0\x01'))
-    assert rig.session.counters.unknown_types == rig.session.counters.malformed == 1
 
 
 def test_sources_are_reported_on_change_and_forgotten_with_the_link() -> None:
@@ -308,24 +247,11 @@ def test_contradiction_is_forgotten_with_the_device_that_was_lost() -> None:
     assert not rig.play('mute; 40; mute 11; 40').session.estop
 
 
-def test_contradiction_and_its_end_in_one_read_are_both_reported_in_order() -> None:
-    rig = Rig(**STICKS).start()
-    wrong = build_frame(13, words([1500] * 7))
-    events, _ = rig.session.receive(wrong + b''.join(map(rig.answer, (15, 13, 10))), rig.now)
-    assert stops_in(events) == [True, False]
-
-
 def test_other_configuration_after_a_silence_counts() -> None:
     rig = Rig().start().play('mute; 30; unmute')
     rig.inputs, rig.sources, rig.outputs = [1500] * 2, [3] * 22, [0] * 22
     assert not rig.play('40').session.estop
     assert [event.configuration.outputs for event in rig.of(ConfigurationRead)] == [16, 22]
-
-
-def test_other_configuration_out_of_the_blue_counts() -> None:
-    rig = Rig().start()
-    rig.hear(configuration(2))
-    assert rig.of(ConfigurationRead)[-1].configuration.inputs == 2
 
 
 # -- polling --------------------------------------------------------------------------------------
@@ -384,16 +310,6 @@ def test_pulses_become_sticks_and_buttons() -> None:
     assert last_sticks(rig) == Sticks((1100, 1900), (1, 1), True, ())
 
 
-@pytest.mark.parametrize(
-    ('us', 'plain', 'reverse'),
-    [(1300, 0, 2), (1301, 1, 1), (1700, 1, 1), (1701, 2, 0), (700, 0, 2), (2300, 2, 0)],
-)
-def test_button_counts_thresholds(us: int, plain: int, reverse: int) -> None:
-    buttons = (ButtonInput('a', 1, (1300, 1700)), ButtonInput('b', 1, (1300, 1700), reversed=True))
-    rig = Rig(buttons=buttons).play(f'in 1={us}; 15')
-    assert last_sticks(rig).buttons == (plain, reverse)
-
-
 @pytest.mark.parametrize('word', [0x8000, 0x85DC, 699, 2301, 0, 0x7FFF])
 @pytest.mark.parametrize('number', [2, 4])
 def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, number: int) -> None:
@@ -402,6 +318,12 @@ def test_invalid_or_implausible_pulse_makes_the_whole_joy_neutral(word: int, num
     assert (sticks.axes, sticks.buttons, sticks.operational) == ((None, None), (0, 0), True)
     assert len(sticks.faulty) == 1
     assert rig.session.sticks.faulty == sticks.faulty
+
+
+@pytest.mark.parametrize('us', [700, 2300])
+def test_pulse_at_the_end_of_what_is_plausible_is_believed(us: int) -> None:
+    rig = Rig(**STICKS).start().play(f'in all={us}; 3')
+    assert last_sticks(rig).axes == (us, us)
 
 
 TOLERANT = {**STICKS, 'tolerate_faulty_axes': True}
@@ -433,11 +355,6 @@ def test_button_that_was_held_while_it_did_not_count_is_not_pressed_anew(
     for script, buttons in steps:
         rig.play(f'{script}; 30')
         assert last_sticks(rig).buttons == buttons, script
-
-
-def test_tolerated_faulty_axis_leaves_the_others() -> None:
-    rig = Rig(**TOLERANT).start().play('in all=1900; in 2=0x8000; 3')
-    assert last_sticks(rig) == Sticks((None, 1900), (1, 2), True, ('x invalid (pulse input 2)',))
 
 
 @pytest.mark.parametrize(
@@ -553,12 +470,6 @@ def test_figures_of_a_link_on_which_nothing_was_heard_or_commanded() -> None:
     ]
 
 
-def test_receiver_alone_is_not_told_of_outputs_that_nobody_commands() -> None:
-    rig = Rig(**STICKS).start().play('silent; 50')
-    assert not rig.session.problems(rig.now)
-    assert not rig.session.inhibits(rig.now)
-
-
 @pytest.mark.parametrize(
     ('changes', 'text'),
     [
@@ -600,6 +511,7 @@ def test_setup_that_does_not_fit_the_device_or_the_line_is_a_warning(
         (True, '30', 0, False),  # it was locked out already
         (True, '30; available; 6', 1, False),  # it was reset
         (False, 'available; 50', 0, False),
+        (False, '15; lockout', 0, True),  # of what is locked out already: at once
     ],
 )
 def test_lockout_on_start_is_repeated_until_the_status_says_so(
@@ -627,18 +539,6 @@ def test_lockout_that_fails_says_why(script: str, sent: int, text: str) -> None:
     assert len(rig.payloads(98)) == sent
     answers = rig.of(Answer)
     assert [(done.success, text in done.text) for done in answers] == [(False, True)] * bool(text)
-
-
-def test_lockout_of_what_is_locked_out_already_succeeds_at_once_and_sends_nothing() -> None:
-    rig = Rig().start().play('lockout')
-    assert rig.of(Answer) == [Answer(LOCKOUT, True, 'the configuration menus are locked out')]
-    assert not rig.payloads(98)
-
-
-def test_lockout_is_given_up_at_the_promised_deadline() -> None:
-    rig = Rig(link_timeout=2.0).play('available; 15; lockout')
-    start = rig.now
-    assert run_to(rig, lambda: bool(rig.of(Answer))) == pytest.approx(start + 1.0, abs=TICK)
 
 
 # -- settings -------------------------------------------------------------------------------------
@@ -673,20 +573,3 @@ def test_bad_setting_is_rejected(name: str, value: Any) -> None:
 def test_position_of_1_5_ms_and_a_stop_of_it_contradict_each_other() -> None:
     with pytest.raises(ValueError, match='lost_link_is_stop'):
         Settings(estop_states=frozenset({CommandState.MS_1_5}), lost_link_is_stop=False)
-
-
-@pytest.mark.parametrize(
-    ('make', 'text'),
-    [
-        (lambda: AxisInput('x', 0), 'channel'),
-        (lambda: AxisInput('x', 17), 'channel'),
-        (lambda: ButtonInput('x', 0), 'channel'),
-        (lambda: ButtonInput('x', 17), 'channel'),
-        (lambda: ButtonInput('x', 1, ()), 'thresholds_us'),
-        (lambda: ButtonInput('x', 1, (1700, 1300)), 'thresholds_us'),
-        (lambda: ButtonInput('x', 1, (1500, 1500)), 'thresholds_us'),
-    ],
-)
-def test_pulse_input_that_cannot_be_is_rejected(make: Callable[[], Any], text: str) -> None:
-    with pytest.raises(ValueError, match=text):
-        make()

@@ -70,14 +70,6 @@ def test_every_channel_tells_function_level_and_measurement() -> None:
     assert [channel.measurement for channel in channels[2:]] == [None] * 4
 
 
-def test_accumulator_adds_up_what_each_message_tells() -> None:
-    readings = aux_rig().play('40').of(AuxReading)
-    assert len(readings) >= 4
-    assert [r.channels[1].total for r in readings] == [5 * n for n in range(1, len(readings) + 1)]
-    assert not readings[-1].channels[1].overflowed
-    assert all(r.channels[0].total == 0 for r in readings)  # a timer's counts are no pulses
-
-
 def test_accumulator_over_range_says_for_good_that_there_were_more() -> None:
     rig = aux_rig()
     totals = []
@@ -131,15 +123,6 @@ def test_what_is_asked_for_is_sent(pins: bytes, script: str, messages: list[str]
     rig = new_rig()
     rig.aux_inputs = pins
     assert said(rig.play(script)) == messages
-
-
-def test_message_that_the_line_does_not_take_is_not_overtaken() -> None:
-    """Where the line refuses the first message of a poll alone: then it has taken some bytes."""
-    rig = aux_rig().play('busy; aux 4L1; aux 4L0; free')
-    _, frames = rig.session.poll(rig.now)
-    assert [frame[4:-2].hex() for frame in frames if frame[2] == 21] == ['8c00']
-    assert rig.session.deadline() <= rig.now
-    assert said(rig.play('5')) == ['8c00', '8400']
 
 
 REJECTED = [
@@ -283,13 +266,6 @@ def test_request_for_another_output_ends_no_undoing(other: str) -> None:
     assert len(undoing) >= UNDO_FRAMES - 2
     assert {payload[2:] for payload in undoing} == {bytes(2)}
     assert not any(payload[0] & 0x08 for payload in undoing)  # aux 4 is low
-
-
-def test_pulse_request_ends_no_undoing_of_another_pulse() -> None:
-    rig = Rig()
-    rig.aux = PULSING
-    rig.start().play('aux 5P0.001; estop!; clear!; mark; aux 6P0.001; 120')
-    assert said(rig).count('00100000') >= UNDO_FRAMES - 2
 
 
 def test_messages_that_undo_are_apart() -> None:

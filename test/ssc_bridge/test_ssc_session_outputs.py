@@ -13,10 +13,8 @@ from typing import Any
 from hypothesis import given, settings, strategies as st
 import pytest
 
-from bridge_core.transports.line import STALL_TIMEOUT
 from ssc_bridge.channels import Failsafe, Servo
-from ssc_bridge.protocol import MAX_OUTPUTS
-from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session, Settings
+from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session
 from ssc_bridge.session.outputs import RELEASE_TIME
 from ssc_bridge.session.report import warnings
 from stage.ssc_rig import build_frame, follow, GRIP, INPUTS, OUTPUTS, PAN, Rig, TILT, words
@@ -50,6 +48,7 @@ COMMANDS = [  # servos, what is commanded, and the first outputs in the last mes
     ((REVERSED,), '3 pan=-0.5', (1700, 0)),
     ((), '3 us=1500,0,32000', (1500, 0, 32000, 0)),
     ((), '3 us=' + '1500,' * OUTPUTS, (1500,) * OUTPUTS),
+    (ALL, '30 pan=1 tilt=1; 30 pan=1', (2000, 0, 1100)),  # one that is stale leaves the other
     (ALL, '3 us=32000,0,1', (2000,)),  # limited
     (ALL, '3 pan=1.05', (2000,)),  # beyond 1 by rounding only
     (ALL, '3 us=1500; 3 us=0', (0,)),  # no pulse never becomes the lower limit
@@ -63,22 +62,10 @@ def test_commands_become_pulses(
     assert Rig(servos=servos).start().play(script).pulses()[-1][: len(us)] == us
 
 
-def test_every_output_may_be_commanded() -> None:
-    rig = Rig()
-    rig.inputs, rig.sources, rig.outputs = [1500], [3] * MAX_OUTPUTS, [0x8000] * MAX_OUTPUTS
-    rig.start().play('do us=' + '1500,' * MAX_OUTPUTS)
-    assert list(rig.session.outputs.commanded()) == [*range(1, MAX_OUTPUTS + 1)]
-
-
 def test_only_what_is_beyond_the_limits_counts_as_limited() -> None:
     rig = servo_rig().play('do us=2000')
     assert rig.session.outputs.limited == 0
     assert rig.play('do us=2001; do us=999').session.outputs.limited == 2
-
-
-def test_message_20_comes_at_the_command_rate() -> None:
-    rig = Rig(command_rate=50.0).start().play('mark; 100 us=1500')
-    assert 48 <= len(rig.pulses()) <= 52
 
 
 def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the_wire() -> None:
@@ -119,12 +106,6 @@ def test_rate_is_kept_whatever_is_asked() -> None:
     assert rig.play('2 us=0,0,0').pulses()[-1][2] == 0  # the pulse ends at once
 
 
-def test_stalled_process_does_not_make_up_for_the_lost_time() -> None:
-    rig = servo_rig(command_timeout=5.0, link_timeout=5.0).play('3 tilt=0')
-    before = rig.pulses()[-1][2]
-    assert rig.play('late 3; do tilt=1').pulses()[-1][2] - before <= 41
-
-
 @given(st.lists(st.booleans(), max_size=60))
 def test_servo_does_not_jump_by_what_a_busy_line_did_not_take(busy: list[bool]) -> None:
     slow = replace(SLOW, rate_us_per_s=1000.0)
@@ -150,14 +131,6 @@ def test_command_without_sense_is_rejected_and_ends_the_one_before(command: str)
     assert rig.pulses()[-1][0] == 0
     assert rig.session.refused_commands == 1
     assert 'refused' in rig.of(FailsafeBegun)[-1].reasons[0]
-
-
-def test_command_before_the_port_is_open_is_not_kept() -> None:
-    session = Session(Settings())
-    with pytest.raises(ValueError, match='nothing is commanded'):
-        session.set_servos({}, 0.0)
-    session.set_pulses([1500], 0.0)
-    assert session.outputs.commanded() == {}
 
 
 def test_servo_on_an_output_that_the_device_does_not_have() -> None:
@@ -247,20 +220,6 @@ def test_stop_goes_out_at_once_not_at_the_next_slot(
     assert rig.pulses()[-1][0] == 0
 
 
-@pytest.mark.parametrize('said', ['estop', 'silent'])
-def test_estop_input_lets_nothing_out_and_is_no_stop_of_the_device(said: str) -> None:
-    rig = Rig().play(f'{said}; 50 us=1500')
-    assert (rig.session.estop, rig.session.own_estop) == (False, False)
-    assert rig.pulses() == []
-    assert any('e-stop input' in text for text in rig.session.inhibits(rig.now))
-
-
-def test_staleness_of_one_servo_leaves_the_other() -> None:
-    rig = servo_rig().play('30 pan=1 tilt=1; 30 pan=1')
-    assert (rig.pulses()[-1][0], rig.pulses()[-1][2]) == (2000, 1100)
-    assert rig.of(FailsafeBegun)[-1].names == ('tilt',)
-
-
 # -- release --------------------------------------------------------------------------------------
 
 RELEASED = [  # servos, what happens; then messages without a pulse come for a second, then none
@@ -302,22 +261,6 @@ def test_outputs_that_nobody_named_or_commanded_are_never_touched(failsafe: Fail
     rig = Rig(failsafe=failsafe).play('out all=1500; 115')
     assert not rig.pulses()
     assert not rig.farewell()
-
-
-def test_device_that_is_plugged_in_again_is_looked_at_before_it_is_commanded() -> None:
-    rig = Rig().start().play('5 us=1500; close; open; mark; hear 10 15; 9')
-    assert rig.pulses() == []
-    assert rig.play('3').pulses()
-
-
-def test_release_outlasts_a_port_that_takes_nothing_for_as_long_as_it_may() -> None:
-    """A port that takes nothing for half a second is closed."""
-    rig = Rig().start().play('5 us=1500')
-    rig.session.set_estop(True, rig.now)
-    stalled, since = rig.now + STALL_TIMEOUT, rig.now
-    rig.play('160')
-    assert all(not any(us) for us in rig.pulses(since + 1e-6))
-    assert len(rig.pulses(stalled)) >= RELEASE_FRAMES
 
 
 @pytest.mark.parametrize('rate', [1.0, 50.0, 200.0])
@@ -373,6 +316,7 @@ LOOKS = [  # what happens, and s from the mark to the first message
     # What was told or commanded before is not waited for; no pulse is held, too.
     ('out 5=1600; mute 12; 5; hear 12; 20; close; mark; open; 20', 0.1),
     ('mute 12; 35 grip=0; close; mark; open; 20', 0.1),
+    ('mute 12; 35 us=0,0,0,0,0; close; mark; open; 20', 0.1),
     ('mute 12; 35; close; mark; open; 40', 0.3),
     # A failsafe waits for nothing.
     ('mute 12; 50 us=1500; mute; 30; mark; unmute; mute 12; 20', 0.02),
@@ -448,10 +392,17 @@ def test_wire_that_takes_over_goes_on_from_what_was_sent(
     assert {each[4] for each in rig.pulses()} == {us[4]}
 
 
-def test_wire_that_takes_over_follows_the_pilot_where_nothing_was_commanded() -> None:
-    before = Rig(servos=(GRIP,)).play(PIN + FLOWN)
-    rig = follow(before, servos=(GRIP,)).play(f'{PIN}unmute; out 5=1500; 50')
-    assert rig.pulses()[-1][4] == 1500
+@pytest.mark.parametrize('taken_over', [True, False])
+def test_first_message_after_a_gap_is_the_failsafe_though_commands_go_on(taken_over: bool) -> None:
+    rig = before = Rig(servos=ALL).play(f'15; 100 {HALF}')
+    driven = before.pulses()[-1][: len(FAILSAFES)]
+    rig = follow(before, servos=ALL).play('unmute') if taken_over else before.play('close; open')
+    rig.play('mark')
+    for _ in range(50):
+        rig.play(f'10 {HALF}')
+    first, *_, last = rig.pulses()
+    assert first[: len(FAILSAFES)] == FAILSAFES
+    assert last[: len(FAILSAFES)] == driven
 
 
 def test_servo_goes_on_from_its_failsafe_after_a_farewell() -> None:
@@ -485,20 +436,7 @@ def test_only_what_went_out_is_told_as_sent(script: str, us: list[int]) -> None:
     assert told(Rig(servos=(PAN,)).play('35 pan=0.5').play(script), 1) == us
 
 
-def test_nothing_is_sent_to_a_closed_port() -> None:
-    rig = servo_rig().play('10 pan=0.5; close')
-    rig.session.set_estop(False, rig.now)
-    rig.session.set_servos({'pan': 1.0}, rig.now)
-    assert rig.session.poll(rig.now + 1.0)[1] == []
-    assert rig.session.deadline() == math.inf
-
-
 # -- another SSC than the one that is meant -------------------------------------------------------
-
-
-@pytest.mark.parametrize('wanted', [-1, 126])
-def test_ssc_with_the_wanted_configuration_id_is_driven(wanted: int) -> None:
-    assert servo_rig(config_id=wanted).play('200 pan=0.5').pulses()[-1][0] == 1750
 
 
 def test_another_ssc_is_a_stop_and_its_outputs_are_sent_nothing() -> None:
@@ -532,7 +470,7 @@ def within_limits(us: tuple[int, ...]) -> bool:
     return all(each == 0 or servo.min_us <= each <= servo.max_us for each, servo in rows)
 
 
-def test_pulses_never_leave_their_limits_under_100_000_random_commands() -> None:
+def test_pulses_never_leave_their_limits_under_random_commands() -> None:
     rig = servo_rig()
     chance = random.Random(20)
 
@@ -547,7 +485,7 @@ def test_pulses_never_leave_their_limits_under_100_000_random_commands() -> None
             pass
 
     seen = set()
-    for number in range(100_000):
+    for number in range(20_000):
         if number % 10 == 0:
             rig.estop = chance.choice((False,) * 50 + (True, None))
             rig.state = chance.choice(('2 ms',) * 100 + ('no signal',))
@@ -557,7 +495,7 @@ def test_pulses_never_leave_their_limits_under_100_000_random_commands() -> None
         ask(rig.session, rig.now)
     assert all(map(within_limits, seen))
     # The test would be worth nothing if the outputs had not been all over the place.
-    assert len({us[0] for us in seen}) > 300
+    assert len({us[0] for us in seen}) > 100
     assert {1000, 2000} <= {us[0] for us in seen}
 
 

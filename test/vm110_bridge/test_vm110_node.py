@@ -669,3 +669,17 @@ def test_stop_on_the_wire_is_told_long_before_any_time_out(
     record_property('wire_to_estop_ms', [round(1e3 * value, 2) for value in times])
     # No timeout is on its way; the machine may hold up one of five.
     assert any(took < bound for took, bound in zip(times, bounds, strict=True))
+
+
+def test_network_that_grows_late_without_a_gap_is_a_stop_and_is_told(observer: Observer) -> None:
+    with bench_of(observer, {'line_age_limit': 1.0, 'link_timeout': 1.5}) as bench:
+        bench.connect()
+        observer.spin(3.0)  # it learns the period
+        for tenth in range(21):
+            bench.station.apply(f'delay {tenth / 10} out')
+            observer.spin(0.25)
+        bench.wait_stop(True)
+        bench.wait(lambda: 'later than before' in bench.status().message, 'the reason')
+        bench.wait(lambda: bench.own_estop.last == Bool(data=True), 'an own stop')
+        bench.station.apply('delay 0 out')
+        bench.wait_stop(False)

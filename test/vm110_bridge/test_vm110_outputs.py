@@ -254,6 +254,7 @@ def test_error_after_a_hold_that_began_and_ended_unseen_is_our_echo() -> None:
     bench.session.set_hold_output(False, bench.now)
     bench.run(0.125)
     bench.now += 3.0  # ~/hold_output was silent, and so were we
+    bench.serial += 24
     bench.session.set_hold_output(False, bench.now)
     bench.hear(EXTERNAL)
     assert bench.session.estop
@@ -318,6 +319,7 @@ def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> Non
     bench = armed()
     bench.run(1.0)
     bench.now += 3.0  # frozen
+    bench.serial += 24
     bench.session.interrupted('this node was held up', bench.now)
     bench.poll()
     bench.hear(EXTERNAL)

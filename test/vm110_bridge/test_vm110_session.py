@@ -263,6 +263,7 @@ def test_switch_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
     for _ in range(3):
         bench.hear(CENTRED)
         bench.wait(seconds / 3)
+        bench.serial += round(seconds / 3 / 0.125) - 1
     bench.hear(build_vrpi(flags=(0, 0, 1)))
     assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons) is not held
 

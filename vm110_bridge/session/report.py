@@ -8,7 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from bridge_core.reasons import Coded
+from bridge_core.watchdog import in_words
 from vm110_bridge.protocol import BuState, Disabled, LinkStatus, PeriodicInput, state_name
+from vm110_bridge.session.lateness import Lateness
 
 _LOW_BATTERY_PERCENT = 20
 _LINKS_TO_DO: dict[int, str] = {
@@ -24,6 +27,11 @@ _DISABLED_TO_DO: dict[int, str] = {
     Disabled.INACTIVITY: 'enable the remote again on itself',
 }
 _UNKNOWN = 'check which version of the manual the system follows'
+_LATE = Coded(
+    'vm110.link.late',
+    'look at the network to the base unit: what it says comes {} later than before, '
+    'line_age_limit is {}',
+)
 UNHEARD = (
     'start what subscribes to ~/command: a command of the remote found no listener, so it is not '
     'acknowledged'
@@ -36,17 +44,30 @@ LOOPED_BACK = (
     'look for a machine controller that sends to the wrong port: its packets come to the input '
     'port'
 )
-NO_CAUSE = "check the BU's power, its EG-Link cable, group, input_port and interface_address"
-RESTARTING = 'wait a second, as its serial numbers begin anew'
-OTHER_LAYOUT = (
+NO_CAUSE = Coded(
+    'vm110.link.silent',
+    "check the BU's power, its EG-Link cable, group, input_port and interface_address",
+)
+RESTARTING = Coded('vm110.link.restarting', 'wait a second, as its serial numbers begin anew')
+OTHER_LAYOUT = Coded(
+    'vm110.link.other_layout',
     'check which version of the manual the system follows, as packets of another revision or size '
-    'come'
+    'come',
 )
-NO_ORIGIN = (
+NO_ORIGIN = Coded(
+    'vm110.link.no_origin',
     'give the base unit an ID other than 0, as VRPI of origin 0 come, which is the machine '
-    'controller'
+    'controller',
 )
-WRONG_CRC = 'look for what else uses this group and port, as packets with a wrong CRC come'
+WRONG_CRC = Coded(
+    'vm110.link.wrong_crc',
+    'look for what else uses this group and port, as packets with a wrong CRC come',
+)
+
+
+def late(lateness: Lateness) -> str:
+    """Say how much later than before VRPI come."""
+    return _LATE.filled(in_words(lateness.lag), in_words(lateness.limit))
 
 
 def summary(vrpi: PeriodicInput | None) -> str:
@@ -91,10 +112,11 @@ def hold(*, withheld: bool, silent: str) -> str:
 
 def two_senders(bu_id: int, address: str, second: str) -> str:
     """Name two senders with one ID."""
-    return (
+    text = (
         f'stop one of two senders, or name yours in allowed_sources: {address} and {second} both '
         f'send as base unit {bu_id}'
     )
+    return Coded('vm110.link.two_senders', text)
 
 
 def others(origins: Sequence[int], bu_id: int) -> list[str]:
@@ -110,13 +132,14 @@ def others(origins: Sequence[int], bu_id: int) -> list[str]:
 def only_others(origins: Sequence[int], bu_id: int, *, chosen: bool) -> str:
     """Say why base units that are heard do not count. :param chosen: ours is a parameter."""
     remedy = 'set bu_id' if chosen else 'deactivate and activate the node'
-    return f"check base unit {bu_id}'s power, or {remedy}, as {_listed(origins)} is heard instead"
+    text = f"check base unit {bu_id}'s power, or {remedy}, as {_listed(origins)} is heard instead"
+    return Coded('vm110.link.other_unit', text)
 
 
 def other_crc(*, chosen: bool) -> str:
     """Say why packets with the other CRC do not count. :param chosen: ours is a parameter."""
     remedy = 'set crc to auto' if chosen else 'deactivate and activate the node'
-    return f'{remedy}, as packets with the other CRC come'
+    return Coded('vm110.link.other_crc', f'{remedy}, as packets with the other CRC come')
 
 
 def device_values(vrpi: PeriodicInput | None) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.session import Level, Pacer, Session as BaseSession, Verdict
 from bridge_core.watchdog import Watchdog
 from vm110_bridge.parameters import MAX_OUTPUT
@@ -37,6 +38,7 @@ from vm110_bridge.session.events import (
     RemoteState,
 )
 from vm110_bridge.session.inbox import CommandInbox
+from vm110_bridge.session.lateness import Lateness
 from vm110_bridge.session.origin import MEMORY, Origin
 from vm110_bridge.session.outbox import CommandOutbox
 from vm110_bridge.session.serials import Arrival
@@ -51,7 +53,10 @@ class Session(BaseSession[bytes, Packet, Event]):
     ``receive`` takes one datagram, and each frame to send is one.
     """
 
-    CLOSED = 'check the network interface and interface_address: the port is not open'
+    CLOSED = Coded(
+        'vm110.port.closed',
+        'check the network interface and interface_address: the port is not open',
+    )
     DAMAGED = 'look for what else sends to this group and port'
 
     def __init__(self, settings: Settings) -> None:
@@ -67,6 +72,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.inbox = CommandInbox(explicit=settings.acknowledge == 'explicit')
         self.outbox = CommandOutbox(settings.command_timeout)
         self._packets = decoder
+        self._lateness = Lateness(settings.line_age_limit or math.inf)
         self._hold_output = False
         self._hold_heard = Watchdog(settings.hold_output_timeout)
         self._stops = StopJudge()
@@ -120,6 +126,9 @@ class Session(BaseSession[bytes, Packet, Event]):
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
+        lateness = self._lateness
+        if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
+            warnings.append(report.late(lateness))
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
         if self.link_up:
             warnings += report.others(self.origin.others(now), self.origin.bu_id)
@@ -147,6 +156,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             'CRC': self.crc.value if self.crc else 'not known yet',
             'hold output in use': self.hold_output_in_use,
             'VRPO withheld': self.output_held,
+            'later than before (s)': self._lateness.lag,
             **(report.vrpi_values(self.vrpi) if self.vrpi is not None else {}),
             **self.packets,
         }
@@ -196,11 +206,23 @@ class Session(BaseSession[bytes, Packet, Event]):
             self.inbox.doubt()
         if self.origin.serials.lines > lines:
             self.inbox.restart()
+        if (moves, lines) != (self.origin.sender.moves, self.origin.serials.lines):
+            self._lateness.begin()
         if arrival is not None:
             if self.crc is None:
                 self._packets.lock(message.crc)
             assert isinstance(message.message, Input)
+            self._note_number(message, arrival, now)
             self._take_input(message.message, arrival, now)
+
+    def _note_number(self, packet: Packet, arrival: Arrival, now: float) -> None:
+        if not isinstance(packet.message, PeriodicInput):
+            if arrival is Arrival.NEW:
+                self._lateness.passed()
+        elif arrival is Arrival.NEW:
+            self._lateness.heard(packet.serial, now)
+        elif arrival is not Arrival.LATE and not self.link_up:
+            self._lateness.begin()  # a base unit that was restarted: its numbers may go on by luck
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
         if arrival is Arrival.COPY:
@@ -239,12 +261,16 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _judge(self, now: float) -> Verdict:
         verdict = self._stops.verdict()
+        reasons: list[str] = []
         if self.origin.sender.is_doubled(now):
-            return Verdict.stop(self._two_senders, *verdict.reasons)
-        return verdict
+            reasons.append(self._two_senders)
+        if self._lateness.is_late:
+            reasons.append(report.late(self._lateness))
+        return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
 
     def _silence(self, now: float) -> str:
-        return f'{self._silence_hint(now)}; no VRPI from the BU: {self._heard.describe(now)}'
+        hint = self._silence_hint(now)
+        return passed_on(hint, f'{hint}; no VRPI from the BU: {self._heard.describe(now)}')
 
     @property
     def _two_senders(self) -> str:

@@ -28,6 +28,7 @@ class Settings(CheckedSettings):
     sender_ports: str = _TABLE['sender_ports'].default
     crc: str = _TABLE['crc'].default
     link_timeout: float = _TABLE['link_timeout'].default
+    line_age_limit: float = _TABLE['line_age_limit'].default
     output_period: float = _TABLE['output_period'].default
     periodic_output_size: int = _TABLE['periodic_output_size'].default
     first_packet_number: int = _TABLE['first_packet_number'].default

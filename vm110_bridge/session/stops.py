@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.session import Verdict
 from vm110_bridge.protocol import (
     BuState,
@@ -34,11 +35,19 @@ _WITHOUT_OUTPUT = (LinkStatus.OPERATIONAL, LinkStatus.NO_LINK, LinkStatus.DATA_E
 _EC_IN_ORDER = (LinkStatus.UNUSED, LinkStatus.OPERATIONAL)
 
 _TO_DO = {
-    BuState.INITIAL: 'wait until the base unit has started, then arm a remote',
-    BuState.STOPPED: 'release the stop switch on the remote, then rearm',
-    BuState.EXTERNAL_LINK_ERROR: 'check the EC-Link and EG-Link cables, then rearm',
-    BuState.BLOCKED: 'turn on the remote and rearm',
-    BuState.FAILED: 'switch the base unit off and on, else have it repaired',
+    BuState.INITIAL: Coded(
+        'vm110.bu.initial', 'wait until the base unit has started, then arm a remote'
+    ),
+    BuState.STOPPED: Coded(
+        'vm110.bu.stopped', 'release the stop switch on the remote, then rearm'
+    ),
+    BuState.EXTERNAL_LINK_ERROR: Coded(
+        'vm110.bu.external', 'check the EC-Link and EG-Link cables, then rearm'
+    ),
+    BuState.BLOCKED: Coded('vm110.bu.blocked', 'turn on the remote and rearm'),
+    BuState.FAILED: Coded(
+        'vm110.bu.failed', 'switch the base unit off and on, else have it repaired'
+    ),
 }
 _UNKNOWN = 'check which version of the manual the system follows'
 
@@ -115,11 +124,13 @@ class StopJudge:
     def _echo_reason(self) -> str:
         state = 'BU state is External link error'
         if self._holding:
-            return (
+            text = (
                 f'rearm the remote when the cause of hold_output is gone: {state}, as hold_output '
                 'asks (VRPO are withheld)'
             )
-        return f'rearm the remote: {state}, still from hold_output, which asks no more'
+        else:
+            text = f'rearm the remote: {state}, still from hold_output, which asks no more'
+        return Coded('vm110.hold.echo', text)
 
 
 def _severity(verdict: Verdict) -> int:
@@ -138,30 +149,34 @@ def _bu_reasons(vrpi: PeriodicInput, *, missed: bool) -> list[str]:
     """
     state = vrpi.bu_state
     if not isinstance(state, BuState):
-        return [f'{_UNKNOWN}: BU state is {state_name(state)}']
+        return [Coded('vm110.state.unknown', f'{_UNKNOWN}: BU state is {state_name(state)}')]
     if state >= RELAYS_CLOSED:
         return []
     if missed:
-        return [
+        text = (
             'rearm the remote; if it comes back, check the EC-Link and EG-Link cables: BU state '
             'is External link error, VRPO were missing while this node was not running or held up'
-        ]
+        )
+        return [Coded('vm110.bu.missed', text)]
     text = f'{_TO_DO[state]}: BU state is {state_name(state)}'
     if state == BuState.EXTERNAL_LINK_ERROR:
         text += f', EG-Link {state_name(vrpi.eg_link)}, EC-Link {state_name(vrpi.ec_link)}'
-    return [text]
+    return [passed_on(_TO_DO[state], text)]
 
 
 def _ru_reasons(vrpi: PeriodicInput) -> list[str]:
     """Say why the RU demands a stop, where the BU does not say the same."""
     if not isinstance(vrpi.ru_state, RuState):
-        return [f'{_UNKNOWN}: RU state is {state_name(vrpi.ru_state)}']
+        return [
+            Coded('vm110.state.unknown', f'{_UNKNOWN}: RU state is {state_name(vrpi.ru_state)}')
+        ]
     if vrpi.ru_state != RuState.STOPPED or vrpi.bu_state == BuState.STOPPED:
         return []
-    return [
+    text = (
         "release the remote's stop switch, then rearm: the armed remote has stopped (stop switch, "
         'free fall, shock or a fatal error)'
-    ]
+    )
+    return [Coded('vm110.ru.stopped', text)]
 
 
 def _only_output_missing(vrpi: PeriodicInput) -> bool:

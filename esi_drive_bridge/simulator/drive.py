@@ -20,20 +20,17 @@ What the manual leaves undecided is decided like this, on the less helpful side:
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from dataclasses import dataclass, field
 import math
 import struct
 
-from bridge_core.options import number_within
-from bridge_core.simulation import Commands, help_text, obey, one_of, Simulated, switch, within
+from bridge_core.simulation import Commands, obey, one_of, switch, within
+from esi_drive_bridge.simulator.motor import Motor, VELOCITY
 
 _HEADER = b'\xf0\xf0'
-_RPM = 60.0 / (2.0 * math.pi)  # rpm of one rad/s
 _STEP = 0.002  # s, longest step of the motor model
 _LONGEST_GAP = 1.0  # s of motor time that is made up after silence
 _SCALES = (0.001, 1.0, 0.000191753)  # A, rpm, rad a count, by mode (4.2.3 to 4.2.5)
-_TORQUE, _VELOCITY, _POSITION = range(3)
 
 # Names of error bits, from bit 0 up: of the state byte (None: not an error) and of the error byte.
 _STATE_BITS = (None, None, 'overvoltage', 'undervoltage', 'warning', 'ipc_can', 'rs422', None)
@@ -63,75 +60,11 @@ def _crc(data: bytes) -> int:
 
 
 @dataclass(slots=True)
-class Motor:
-    """
-    One motor with its loops, at the motor's shaft.
-
-    :param inertia: kg·m². :param friction: N·m per rad/s. :param torque_constant: N·m/A.
-    :param max_current: A. :param loop_time: s, of the velocity loop. :param brake_time: s, in
-        which a disabled motor loses 63 % of its speed, down to ``slope``, in rpm.
-    """
-
-    inertia: float = 0.002
-    friction: float = 0.0005
-    torque_constant: float = 0.1
-    max_current: float = 20.0
-    loop_time: float = 0.03
-    brake_time: float = 0.08
-    stiffness: float = 8.0  # 1/s, of the position loop
-    load: float = 0.0  # fraction of the greatest torque
-    slope: float = 0.0  # rpm, at which its load turns it while it is disabled
-    rpm: float = 0.0
-    position: float = 0.0  # rad
-    current: float = 0.0  # A
-
-    def step(self, dt: float, mode: int, command: float) -> None:
-        """Run enabled for ``dt`` seconds; the command is A, rpm or rad by mode."""
-        if mode == _TORQUE:
-            self.current = _clamp(command, self.max_current)
-            push = self.current * self.torque_constant
-            drag = math.copysign(self._load_torque, self.rpm or push)
-            rate = (push - drag - self.friction * self.rpm / _RPM) / self.inertia * _RPM
-            reverses = (self.rpm + rate * dt) * (self.rpm or push) < 0.0
-            if reverses and abs(push) <= self._load_torque:
-                rate = -self.rpm / dt  # a load holds, it does not push
-            self._turn(dt, rate)
-            return
-        if mode == _POSITION:
-            command = (command - self.position) * self.stiffness * _RPM
-        wanted = (command - self.rpm) * -math.expm1(-dt / self.loop_time) / dt
-        free = (self.max_current * self.torque_constant - self._load_torque) / self.inertia * _RPM
-        rate = _clamp(wanted, free)
-        self.current = (rate / _RPM * self.inertia + self.friction * self.rpm / _RPM) / (
-            self.torque_constant
-        )
-        self._turn(dt, rate)
-
-    def coast(self, dt: float) -> None:
-        """Run disabled: brake down to what the slope does, with no current."""
-        self.current = 0.0
-        self._turn(dt, (self.rpm - self.slope) * math.expm1(-dt / self.brake_time) / dt)
-
-    @property
-    def _load_torque(self) -> float:
-        return self.load * self.max_current * self.torque_constant
-
-    def _turn(self, dt: float, rpm_per_s: float) -> None:
-        before = self.rpm
-        self.rpm += rpm_per_s * dt
-        self.position += (before + self.rpm) / 2.0 / _RPM * dt
-
-
-def _clamp(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
-
-
-@dataclass(slots=True)
 class _Axis:
     motor: Motor = field(default_factory=Motor)
     enable: bool = False  # as the last good packet said
     enabled: bool = False
-    mode: int = _VELOCITY
+    mode: int = VELOCITY
     command: int = 0  # counts
     causes: set[str] = field(default_factory=set)
     latched: set[str] = field(default_factory=set)
@@ -377,6 +310,27 @@ class Simulator:
         for axis in self._axes:
             axis.motor.load = within(fraction, 0.0, 1.0)
 
+    def _set_inertia(self, axis: str, inertia: str) -> None:
+        """Give the motors so much to move, in kg·m² at the motor."""
+        for chosen in self._chosen(axis):
+            chosen.motor.inertia = within(inertia, 1e-5, 100.0)
+
+    def _set_friction(self, axis: str, drag: str) -> None:
+        """Slow motors down by N·m per rad/s, always."""
+        for chosen in self._chosen(axis):
+            chosen.motor.friction = within(drag, 0.0, 100.0)
+
+    def _set_winding(self, axis: str, drag: str) -> None:
+        """Slow disabled motors down by N·m per rad/s, as shorted windings do."""
+        for chosen in self._chosen(axis):
+            chosen.motor.winding = within(drag, 0.0, 100.0)
+
+    def _set_brake(self, axis: str, torque: str, seconds: str) -> None:
+        """Brake disabled motors by N·m, so long after disable."""
+        for chosen in self._chosen(axis):
+            chosen.motor.brake_torque = within(torque, 0.0, 1000.0)
+            chosen.motor.brake_delay = within(seconds, 0.0, 10.0)
+
     def _set_slope(self, rpm: str) -> None:
         """Turn the motors by their load while they are disabled, as on a slope without a brake."""
         for axis in self._axes:
@@ -398,6 +352,10 @@ class Simulator:
     def _set_disable_delay(self, seconds: str) -> None:
         """Regulate for so long after disable, as a drive whose brake falls does."""
         self.disable_delay = within(seconds, 0.0, 10.0)
+
+    def _set_timeout(self, seconds: str) -> None:
+        """Go on for so long after the last command."""
+        self.command_timeout = within(seconds, 0.01, 60.0)
 
     def _set_stuck(self, axis: str, state: str) -> None:
         """Stay enabled whatever packets say."""
@@ -438,11 +396,16 @@ class Simulator:
     commands: Commands = {
         'fault': ('a|b|* FAULT on|off|pulse', _set_fault),
         'load': ('0..1', _set_load),
+        'inertia': ('a|b|* KGM2', _set_inertia),
+        'friction': ('a|b|* NMS', _set_friction),
+        'winding': ('a|b|* NMS', _set_winding),
+        'brake': ('a|b|* NM SECONDS', _set_brake),
         'slope': ('RPM', _set_slope),
         'latch': ('on|off', _set_latch),
         'refuse': ('a|b|* on|off', _set_refuse),
         'enabling': ('SECONDS', _set_enable_delay),
         'disabling': ('SECONDS', _set_disable_delay),
+        'timeout': ('SECONDS', _set_timeout),
         'stuck': ('a|b|* on|off', _set_stuck),
         'trip': ('a|b|*', _trip),
         'mute': ('on|off', _set_mute),
@@ -455,21 +418,3 @@ class Simulator:
 
 def _bits(names: tuple[str | None, ...], present: set[str]) -> int:
     return sum(1 << bit for bit, name in enumerate(names) if name in present)
-
-
-def _options(drive: ArgumentParser) -> None:
-    rate = number_within(1.0, 1000.0)
-    drive.add_argument('--axes', type=int, choices=(1, 2), default=2)
-    drive.add_argument('--compact', action='store_true', help='short packets, for 1 axis')
-    drive.add_argument('--status-rate', type=rate, default=100.0, help='Hz, 1 to 1000')
-
-
-SIMULATORS = {
-    'esi_drive': Simulated(
-        make=lambda options: Simulator(
-            axes=options.axes, compact=options.compact, status_rate=options.status_rate
-        ),
-        help=help_text(Simulator.commands, FAULT=FAULTS),
-        options=_options,
-    ),
-}
