@@ -38,7 +38,8 @@ class BridgeDiagnostics:
         self._faults = self._inputs.faults(now)
         if self._faults:
             message = '; '.join([*self._faults, device.message])
-            device = device._replace(level=Level.ERROR, message=message)
+            reasons = [*self._faults, *device.reasons]
+            device = device._replace(level=Level.ERROR, message=message, reasons=reasons)
         if unpublished:
             message = f'{device.message}; nobody publishes {", ".join(unpublished)}'
             device = device._replace(message=message)

@@ -24,6 +24,11 @@ def scaled(value: float, full_scale: float, deadband: float = 0.0) -> float:
     return math.copysign((magnitude - deadband) / (1.0 - deadband), value)
 
 
+def time_message(nanoseconds: int) -> Time:
+    """Return a time as a header has it."""
+    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
+
+
 def joy_message(axes: Sequence[float], buttons: Sequence[int], stamp: Time, frame_id: str) -> Joy:
     """Return a Joy. :param axes: -1 to 1, left and forward positive."""
     message = Joy()

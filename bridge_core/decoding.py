@@ -40,6 +40,8 @@ class StreamDecoder:
     :param by_device: the device speaks it; else its host does. :param named: a message's name.
     :param explain: why bytes are no frames: a finding of the doctor and its words; empty: unknown.
     :param enables: of a drive's commands: whether a message enables it; None: it is no command.
+    :param stops: whether a message of the device demands a stop; None: it says nothing of it.
+    :param rests: see CanDecoder.
     """
 
     name: str
@@ -48,6 +50,8 @@ class StreamDecoder:
     named: Callable[[Any], str] = message_name
     explain: Callable[[bytes], tuple[str, Mapping[str, str]] | None] = lambda _: None
     enables: Callable[[Any], bool | None] = lambda _: None
+    stops: Callable[[Any], bool | None] = lambda _: None
+    rests: Callable[[Mapping[str, Any], Any], bool | None] = lambda *_: None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +62,14 @@ class CanDecoder:
     :param read: a frame's name and content; None: it is of another protocol.
         Raises FrameError: it is damaged.
     :param is_device: tells by its identifier whether the device has sent a frame.
+    :param rests: of an actuator's commands, by its node's parameters: whether a message has it
+        rest; None: it is no command.
     """
 
     name: str
     read: Callable[[CanFrame], tuple[str, Any] | None]
     is_device: Callable[[int], bool] = lambda _: True
+    rests: Callable[[Mapping[str, Any], Any], bool | None] = lambda *_: None
 
 
 @dataclass(frozen=True, kw_only=True)

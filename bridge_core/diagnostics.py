@@ -7,17 +7,19 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from bridge_core.reasons import to_values
 from bridge_core.report import Status
 
 
 def to_msg(status: Status, name: str, hardware_id: str) -> Any:
     """Return the DiagnosticStatus under this name."""
+    values = status.values | to_values(status.reasons)
     return DiagnosticStatus(
         level=bytes((status.level,)),
         name=name,
         message=status.message,
         hardware_id=hardware_id,
-        values=[KeyValue(key=key, value=_text(value)) for key, value in status.values.items()],
+        values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
     )
 
 

@@ -27,9 +27,13 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import Watchdog
 
-_NEUTRAL, _EDGE = 'the command must be neutral once', 'enable must go false, then true again'
+_NEUTRAL = Coded('gate.neutral', 'the command must be neutral once')
+_EDGE = Coded('gate.edge', 'enable must go false, then true again')
+_STOPPED = Coded('gate.stopped', 'e-stop input is true')
+_DISABLED = Coded('gate.disabled', 'enable is false')
 
 
 class State(Enum):
@@ -95,10 +99,19 @@ class Gate:
         if value:
             self.shut(self._stop_missing(now))
 
-    def hear_enable(self, value: bool, now: float, stops: Sequence[str] = ()) -> tuple[str, ...]:
-        """Hear enable. Return why it rises in vain, if it does."""
+    def hear_enable(
+        self, value: bool | None, now: float, stops: Sequence[str] = ()
+    ) -> tuple[str, ...]:
+        """
+        Hear enable. Return why it rises in vain, if it does.
+
+        :param value: None: it is said, but what was known of it goes on to count.
+        """
         assert self.enable is not None and self.command is not None  # noqa: PT018
         self._expire(now)
+        if value is None:
+            self.enable.feed(now)
+            return ()
         rises = value and (self.enable.expired(now) or not self._enable_value)
         armed = self._armed
         self.enable.feed(now)
@@ -181,16 +194,17 @@ class Gate:
         return [*stops, *self._stop_missing(now)]
 
     def _stop_missing(self, now: float) -> list[str]:
-        true = ['e-stop input is true'] * self._stop_value
+        true: list[str] = [_STOPPED] * self._stop_value
         return _stale('e-stop input', self.stop, now) or true
 
     def _enable_missing(self, now: float) -> list[str]:
-        false = ['enable is false'] * (self.enable is not None and not self._enable_value)
+        is_false = self.enable is not None and not self._enable_value
+        false: list[str] = [_DISABLED] * is_false
         return _stale('enable', self.enable, now) or false
 
     def _command_missing(self, now: float) -> list[str]:
         if self._rejection:
-            return [f'command refused: {self._rejection}']
+            return [Coded('gate.refused', f'command refused: {self._rejection}')]
         return _stale('command', self.command, now)
 
     def _expire(self, now: float, stops: Sequence[str] = ()) -> None:
@@ -213,4 +227,4 @@ class Gate:
 def _stale(name: str, heard: Watchdog | None, now: float) -> list[str]:
     if heard is None or not heard.expired(now):
         return []
-    return [f'{name} is stale: {heard.describe(now)}']
+    return [Coded('gate.stale', f'{name} is stale: {heard.describe(now)}', input=name)]

@@ -5,7 +5,7 @@
 The inputs of a node that one publisher alone may feed, such as those that the mux feeds.
 
 A stop on them always counts. Whatever makes it uncertain what they say is a stop by itself: two
-publishers, messages that were lost, a publisher that is never heard.
+publishers, messages that were lost and that no proof tells of, a publisher that is never heard.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bridge_core import clock
 from bridge_core.lane import waited
+from bridge_core.proof import nanoseconds
 from bridge_core.publishers import PublisherWatch
+from bridge_core.reasons import Coded
 from bridge_core.session import Level
 from bridge_core.watchdog import FreezeWatch
 
@@ -26,7 +28,7 @@ from bridge_core.watchdog import FreezeWatch
 # may be overwritten before it was read.
 STOP_QOS = QoSProfile(depth=100)
 COMMAND_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-_LOOK_PERIOD = 0.02  # s
+_LOOK_PERIOD = 0.1  # s; each request is a look, too
 _LOOK_AROUND_PERIOD = 0.5  # s
 _FREEZE = 0.2  # s without a look
 _SETTLING_TIME = 0.25  # s in which all comes in that waited in the kernel during a freeze
@@ -36,7 +38,8 @@ class InputGuard:
     """
     Subscribes on the lane of a node, and watches who publishes.
 
-    :param node: has ``on_distrusted``, ``on_unheard`` and ``on_unheard_gone``; see BridgeNode.
+    :param node: has ``on_distrusted``, ``on_unheard``, ``on_unheard_gone`` and ``mux``; see
+        BridgeNode.
     """
 
     def __init__(self, node: Any) -> None:
@@ -54,6 +57,11 @@ class InputGuard:
     def received_at(self) -> float | None:
         """When the message came that this thread is in the callback of; none: it is in none."""
         return getattr(self._current, 'received_at', None)
+
+    @property
+    def stamp(self) -> int | None:
+        """That of the command that this thread is in the callback of, ns; None: nobody vouches."""
+        return getattr(self._current, 'stamp', None)
 
     @property
     def unheard(self) -> bool:
@@ -81,21 +89,24 @@ class InputGuard:
             now = clock.now()
             name = subscription.topic_name
             lost = watch.heard(info['publication_sequence_number'], now)
-            if lost and stop is not None:
+            if lost and stop is not None and not self._node.mux.proves(name):
                 self._distrust(name, f'messages of {name} were lost: one may have been a stop')
             fault = self._fault_of(name, now)
             is_stop = stop is not None and bool(message.data) is stop
             if is_stop or (watch.settled(now) and not fault):
                 self._current.received_at = now - waited(info)
+                self._current.stamp = nanoseconds(message.header.stamp) if is_vouched else None
                 try:
                     callback(message)
                 finally:
-                    self._current.received_at = None
+                    self._current.received_at = self._current.stamp = None
             elif fault:
                 self._distrust(name, fault)
 
         subscription = self._node.lane.subscribe(kind, topic, on_message, qos)
         self._watches[subscription.topic_name] = watch
+        has_stamp = 'header' in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
+        is_vouched = has_stamp and self._node.mux.vouches_for(subscription.topic_name)
         if stop is not None:
             self._stop_topics.append(subscription.topic_name)
 
@@ -106,7 +117,8 @@ class InputGuard:
     def _fault_of(self, topic: str, now: float) -> str:
         if self._watches[topic].doubled(now):
             found = f'stop one of the two publishers of {topic}'
-            return f'{found}: while both are heard, only stops count'
+            text = f'{found}: while both are heard, only stops count'
+            return Coded('input.doubled', text, topic=topic)
         return self._unheard.get(topic, '')
 
     def faults(self, now: float) -> list[str]:

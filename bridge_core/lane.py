@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
+from functools import partial
 import math
 import threading
 import time
@@ -25,11 +26,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from bridge_core import clock
+from bridge_core.cdr import reader_of
 from bridge_core.rclpy_inner import LANE_NODE, Topic, waiter_of
+from bridge_core.thread_name import show_thread
 
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
 _CAPACITY = 10_000  # calls that may wait; what is posted always may, as it may be a stop
 _REPORT_PERIOD = 1.0  # s
+_TOGETHER = 0.001  # s; a timer that is due so soon after another one needs no wake-up of its own
 
 
 @dataclass(slots=True, eq=False)
@@ -37,6 +41,7 @@ class _Timer:
     period: float
     callback: Callable[[float], object]
     due: float
+    rest: float  # the period while the lane rests
 
 
 class Lane:
@@ -57,7 +62,9 @@ class Lane:
         self._lock = threading.Lock()  # of the two tuples, which are replaced and never changed
         self.thread: threading.Thread | None = None
         self._ending = False
+        self.rests = False  # what is not urgent need not wake it; for its thread
         self._report_at = -math.inf
+        self.malformed = 0  # messages that nobody can read, and nobody got
         self.fault: Future[None] = Future()  # that has ended the thread
         self._waiter = waiter_of(node, name, self._guarded)
 
@@ -71,16 +78,22 @@ class Lane:
         qos: QoSProfile | int,
         *,
         raw: bool = False,
+        urgent: bool = True,
     ) -> Any:
         """
         Subscribe; return the subscription.
 
         Of topics that have something, the one subscribed first is read first, all that it has.
 
-        :param callback: gets the message and rclpy's dictionary of message information.
-        :param raw: the message is bytes, as it came.
+        :param callback: gets the message, or what has its fields, and rclpy's dictionary of
+            message information.
+        :param raw: the message is bytes, as it came. :param urgent: if not, it is read with the
+            next timer or urgent message while the lane ``rests``; the queue has to last so long.
         """
-        entry = Topic(kind, callback, raw)
+        read = None if raw else reader_of(kind)
+        if read is not None:
+            callback = partial(self._read, read, callback)
+        entry = Topic(kind, callback, raw or read is not None, urgent)
         self._waiter.subscribe(entry, topic, qos)
         with self._lock:
             self._topics = (*self._topics, entry)
@@ -101,15 +114,33 @@ class Lane:
         self._waiter.unsubscribe(entry)
         self._waiter.wake()
 
-    def every(self, period: float, callback: Callable[[float], object]) -> None:
+    def _read(
+        self,
+        read: Callable[[bytes], Any],
+        callback: Callable[[Any, dict[str, Any]], object],
+        data: bytes,
+        info: dict[str, Any],
+    ) -> None:
+        try:
+            message = read(data)
+        except Exception:
+            self.malformed += 1
+            raise
+        callback(message, info)
+
+    def every(
+        self, period: float, callback: Callable[[float], object], *, rest: float | None = None
+    ) -> None:
         """
         Call ``callback(now)`` each ``period`` s by ``clock.now``, from one period on.
 
-        Calls that are late by a period or more are left out, not made up for. One that raises ends
-        the thread, since the next would, too.
+        Those that are due within 1 ms come together. Calls that are late by a period or more are
+        left out, not made up for. One that raises ends the thread, since the next would, too.
+
+        :param rest: the period while the lane ``rests``; None: the same.
         """
         with self._lock:
-            timer = _Timer(period, callback, clock.now() + period)
+            timer = _Timer(period, callback, clock.now() + period, rest or period)
             self._timers = (*self._timers, timer)
         self._waiter.wake()
 
@@ -173,9 +204,10 @@ class Lane:
         self._waiter.wake()
 
     def _run(self) -> None:
+        show_thread(f'lane {self._name}')
         try:
             while not self._ending and self._context.ok() and _exists(self._node):
-                self._waiter.wait(self._topics, self._timeout())
+                self._waiter.wait(self._topics, self._timeout(), urgent=self.rests)
                 self._call_posted()
                 self._call_timers()
             self._call_posted()
@@ -200,11 +232,11 @@ class Lane:
     def _call_timers(self) -> None:
         for timer in self._timers:
             now = clock.now()
-            if now >= timer.due:
-                timer.due += timer.period
-                if timer.due <= now:
-                    timer.due = now + timer.period
+            if now >= timer.due - _TOGETHER:
                 timer.callback(now)
+                # Late or not, it keeps its phase, and with it its company.
+                period = timer.rest if self.rests else timer.period
+                timer.due += period * max(1, (now - timer.due) // period + 1)
 
     def _guarded(self, function: Callable[..., Any], *args: Any) -> Any:
         """Call it; report an exception and go on: one bad message must not silence all others."""

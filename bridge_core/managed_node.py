@@ -31,6 +31,7 @@ from bridge_core.parameters import (
     resolve,
 )
 from bridge_core.rclpy_inner import given_parameters, wrap_change_state, wrap_transitions
+from bridge_core.reasons import Coded
 from bridge_core.transports import TransportError
 
 _REPORT_PERIOD = 1.0  # s, between two lines on messages that failed
@@ -139,9 +140,11 @@ class ManagedNode(Quiet, LifecycleNode):
         """Name who promises less than a stop needs there, so that nothing of it is ever heard."""
         for endpoint in self.get_publishers_info_by_topic(topic):
             if endpoint.topic_type != 'std_msgs/msg/Bool':
-                return f'{endpoint.node_name} publishes {endpoint.topic_type} on {topic}, not Bool'
+                text = f'{endpoint.node_name} publishes {endpoint.topic_type} on {topic}, not Bool'
+                return Coded('input.wrong_type', text, topic=topic)
             if endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-                return f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
+                text = f'{endpoint.node_name} publishes {topic} best effort: make it reliable'
+                return Coded('input.best_effort', text, topic=topic)
         return None
 
     @property

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+import math
 import os
 import traceback
 from typing import Any, ClassVar, Generic, TYPE_CHECKING
@@ -26,14 +27,17 @@ from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core.bridge_diagnostics import BridgeDiagnostics
+from bridge_core.convert import time_message
 from bridge_core.deferred import Deferred
 from bridge_core.input_guard import InputGuard
 from bridge_core.managed_node import latched_qos, ManagedNode
+from bridge_core.mux_topics import MuxTopics
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
+from bridge_core.proof import Stamps
 from bridge_core.raw import RawTopics
 from bridge_core.report import Report
 from bridge_core.services import Waiting
-from bridge_core.session import Answer, EventT, Level, StopChanged, Verdict
+from bridge_core.session import Answer, Asked, EventT, Level, StopChanged, Verdict
 from bridge_core.stop_topics import StopTopics
 from bridge_core.transports import TransportError
 from bridge_core.transports.bridge import Bridge
@@ -71,8 +75,10 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        self._stamps = Stamps()
         self._stops = StopTopics(self, self.values['estop_rate'], _INACTIVE)
         self._deferred = Deferred(self._tell, self.get_logger())
+        self.mux = MuxTopics(self)
         self._inputs = InputGuard(self)
         self._diagnostics = BridgeDiagnostics(self, self._inputs)
         self._report: Report | None = None
@@ -101,6 +107,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         for service, call in self.SERVICES.items():
             self._create_device_service(service, call)
         self.create_interfaces()
+        self.mux.subscribe()
         self.forget_device()
         self.log(Level.WARN, f'stop: {_INACTIVE.reasons[0]}')
         self.link.start()
@@ -149,10 +156,14 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         """Return what was published last."""
         return self._stops.verdict
 
-    def vouched(self, joy: Any) -> Any:
-        """Return a Joy that is to be published; proofs say from now on that it is the newest."""
-        self._stops.proofs.vouch(joy)
-        return joy
+    def vouched(self, message: Any) -> Any:
+        """
+        Return what is to be published now; proofs say from now on that it is the newest.
+
+        Of one topic alone: the Joys of an operator, or what a drive measures.
+        """
+        self._stops.proofs.vouch(message.header.stamp)
+        return message
 
     # What a bridge provides.
 
@@ -167,6 +178,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse what session or port cannot be made from. :raises ParameterError: it."""
+        MuxTopics.check(self, values)
         try:
             self.BRIDGE.check(values)
         except ParameterError:
@@ -181,8 +193,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         A request would come too late for it: the first frame goes before any is served. It is
         asked for again where a wire takes over.
         """
-        del values
-        return {}
+        return self.mux.carried_over(values)
 
     def on_event(self, event: EventT) -> None:
         """Publish one event of the session; stops and answers are published by the base."""
@@ -219,6 +230,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             self.refuse(f'{key or call.name}: {FROZEN}')
             return 0
         received_at = self._inputs.received_at
+        call = call._replace(stamp=self._inputs.stamp)
         return self.link.request(call, key=key, stop=stop, received_at=received_at, **options)
 
     def refuse(self, text: str) -> None:
@@ -258,7 +270,10 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def _tell(self, event: Any) -> None:
         """Publish an event, or answer those who wait for it; nobody waits: log the answer."""
-        if not isinstance(event, Answer):
+        if isinstance(event, Asked):
+            self._stops.proofs.goes_by(event.age)
+            self.mux.ask(event)
+        elif not isinstance(event, Answer):
             self.on_event(event)
         elif not self._waiting.answer(event):
             level = Level.OK if event.success else Level.WARN
@@ -277,6 +292,9 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def pace(self, now: float) -> float:
         """Repeat the stop at ``estop_rate``; return when to be called next."""
+        as_of = self.link.as_of(now)
+        if as_of is not None:
+            self._stops.proofs.goes_by(now - as_of)
         repeats = self._stops.repeat(now)
         if repeats:
             if self._diagnostics.outdated(now):
@@ -298,6 +316,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def on_lost(self) -> None:
         """Publish what a session would have at its end: its wire is gone without one."""
         self._deferred.flush()  # or what it said last would stand
+        self._stops.proofs.goes_by(math.inf)
         self.forget_device()
 
     def link_ended(self, error: BaseException) -> None:
@@ -307,8 +326,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.get_logger().fatal(f'the link ends: {traceback.format_exc()}')
 
     def stamp(self) -> Any:
-        """Return the time for a header, in ROS time: it never decides anything."""
-        return self.get_clock().now().to_msg()
+        """Return the time for a header, in ROS time; it never decides anything. No two alike."""
+        return time_message(self._stamps.next(self.get_clock().now().nanoseconds))
 
     def header(self) -> tuple[Any, str]:
         """Return stamp and frame_id; the node's name where the user gave none."""
@@ -344,6 +363,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
                 'node process': os.getpid(),
                 'refused requests': self.refused,
                 'last refusal': self.refusal or 'none',
+                'malformed messages': self.lane.malformed,
             }
             if self._raw is not None:
                 values['not in ~/raw'] = self._raw.dropped

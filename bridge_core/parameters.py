@@ -205,18 +205,65 @@ def resolve(parameters: Iterable[Parameter], given: Mapping[str, Value]) -> dict
     }
 
 
+def proofs(
+    who: str, beside: str, limit: float, *, prefix: str = '', **options: Any
+) -> tuple[Parameter, Parameter]:
+    """
+    Return the parameters for a node that may prove how old its words are.
+
+    :param who: the node, in words. :param beside: the topic that its ~/proof stands beside.
+    :param limit: default, s. :param options: of the first parameter.
+    """
+    return (
+        Parameter(
+            f'{prefix}proof',
+            'auto',
+            f'Whether {who} has to prove how old its words are (~/proof beside {beside}). '
+            'auto: once it did; required: always.',
+            choices=('auto', 'required', 'none'),
+            **options,
+        ),
+        Parameter(
+            f'{prefix}age_limit',
+            limit,
+            'Oldest that proven words may be, round trip included.',
+            unit='s',
+            minimum=0.15,  # three challenges
+            maximum=10.0,
+        ),
+    )
+
+
+def line_age_limit(description: str) -> Parameter:
+    """Return the parameter of how late may be what comes over a line that may queue; 0: off."""
+
+    def check(value: float) -> None:
+        if 0.0 < value < 0.2:
+            raise ValueError('allowed is 0.2 to 10 s, or 0 for off')
+
+    return Parameter(
+        'line_age_limit',
+        0.5,
+        description,
+        unit='s',
+        minimum=0.0,
+        maximum=10.0,
+        check=check,
+    )
+
+
 MANAGED_PARAMETERS = (
     Parameter(
         'autostart',
         True,
-        'Configure and activate without a lifecycle manager. False leaves both to one.',
+        'Configure and activate without a lifecycle manager.',
         section='common: docs/common.md',
     ),
     Parameter(
         'rt_priority',
         0,
-        'Real-time priority (SCHED_FIFO) of all threads of the process, and its memory locked; of '
-        'several nodes in a process the highest counts. 0: off. See docs/common.md.',
+        'SCHED_FIFO priority of all threads of the process, its memory locked; of several nodes '
+        'in a process the highest counts. 0: off. See docs/common.md.',
         minimum=0,
         maximum=98,
         fixed=True,
@@ -227,8 +274,7 @@ BRIDGE_PARAMETERS = (
     Parameter(
         'hardware_id',
         '',
-        'Name of this one device in diagnostics. Empty: what the node reaches it by, such as its '
-        'port, channel, group or PIN.',
+        "The device's name in diagnostics. Empty: its port, channel, group or PIN.",
     ),
     Parameter(
         'frame_id', '', "frame_id in the headers of published messages. Empty: the node's name."
@@ -236,8 +282,8 @@ BRIDGE_PARAMETERS = (
     Parameter(
         'estop_rate',
         20.0,
-        'How often ~/estop is repeated while nothing changes. The timeout of each listener '
-        '(0.25 s at the mux) should be three periods or more.',
+        'How often ~/estop is repeated. The timeout of each listener (0.25 s at the mux) should '
+        'be three periods or more.',
         unit='Hz',
         minimum=5.0,
         maximum=200.0,
@@ -246,8 +292,7 @@ BRIDGE_PARAMETERS = (
     Parameter(
         'reconnect_period',
         1.0,
-        'Longest wait between two tries to open a lost port; the first comes after 0.1 s, and the '
-        'wait doubles.',
+        'Longest wait between two tries to open a lost port; it doubles from 0.1 s.',
         unit='s',
         minimum=0.1,
         maximum=2.0,
@@ -256,7 +301,7 @@ BRIDGE_PARAMETERS = (
     Parameter(
         'publish_raw',
         False,
-        'Publish the bytes or CAN frames of the port, ~/raw/received and ~/raw/sent.',
+        'Publish ~/raw/received and ~/raw/sent.',
         fixed=True,
     ),
 )
@@ -266,25 +311,30 @@ ACTUATOR_PARAMETERS = (
     Parameter(
         'wire_rt_priority',
         0,
-        'Of actuators: real-time priority of the process at the port alone. 0: the rt_priority of '
-        'this node.',
+        'Of actuators: the priority of the process at the port alone. 0: rt_priority.',
         minimum=0,
         maximum=98,
         fixed=True,
+    ),
+    *proofs(
+        'the node of ~/estop_in',
+        '~/estop',
+        0.25,
+        fixed=True,
+        section='old news: docs/decisions/0040-proofs-of-age.md',
     ),
 )
 # What several bridges with sticks have alike.
 DEADBAND = Parameter(
     'deadband',
     0.0,
-    'Deflection up to which an axis is 0 in ~/joy; 1 is full scale. For other listeners than the '
-    'mux, which has its own for each axis.',
+    'Deflection up to which an axis is 0 in ~/joy, of 1. The mux has its own for each axis.',
     minimum=0.0,
     maximum=0.5,
 )
 TOLERATE_FAULTY_AXES = Parameter(
     'tolerate_faulty_axes',
     False,
-    'Let the sound controls count although others are broken, absent or out of range; those are '
-    '0. False makes the whole ~/joy neutral then.',
+    'False: one broken, absent or out-of-range control makes all of ~/joy neutral. True: it alone '
+    'is 0.',
 )

@@ -5,16 +5,15 @@
 
 from __future__ import annotations
 
-import contextlib
-from queue import Empty, SimpleQueue
-import secrets
+import math
 import threading
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import UInt8MultiArray
 
-from bridge_core.proof import nanoseconds, Writer
+from bridge_core.polled import Polled
+from bridge_core.proof import nanoseconds, new_identity, Writer
 from bridge_core.session import Verdict
 
 # What is lost is asked again soon, and what is old is of no use.
@@ -23,49 +22,74 @@ PROOF_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 class ProofTopics:
     """
-    The writer of a bridge's node.
+    The writer of a node.
 
-    Challenges come on the thread of the lane. Proofs are made by the thread of the link, which
-    knows the verdict: if it hangs, there is none.
+    Proofs are made by the thread that knows the verdict, the link's of a bridge: if it hangs,
+    there is none. It reads challenges as it answers, and none of them wakes it.
+
+    :param apart: s, at least, between two answers, however many readers ask. A stop waits not.
     """
 
-    def __init__(self, node: Any) -> None:
-        self._writer = Writer(secrets.randbits(64))
-        self._lock = threading.Lock()  # of the writer: a verdict may come from any thread
-        self._asked: SimpleQueue[bytes] = SimpleQueue()
+    def __init__(self, node: Any, apart: float = 0.0) -> None:
+        self._apart = apart
+        self._due = False  # somebody waits for an answer
+        self._proven_at = -math.inf
+        self._writer = Writer(new_identity())
+        self._lock = threading.Lock()  # of all this: a verdict may come from any thread
+        self._verdict = Verdict.stop()
+        self._enable = False
         self._publisher = node.create_publisher(UInt8MultiArray, '~/proof', PROOF_QOS)
-        node.lane.subscribe(UInt8MultiArray, '~/challenge', self._on_challenge, PROOF_QOS)
+        self._asked: list[Any] = []
+        self._challenges = Polled(node)
+        self._challenges.subscribe(UInt8MultiArray, '~/challenge', self._asked.append, PROOF_QOS)
 
-    def say(self, verdict: Verdict, now: float) -> None:
-        """Note the verdict that holds from now on; a stop is proven at once."""
+    def say(self, verdict: Verdict, now: float, *, enable: bool | None = None) -> None:
+        """
+        Note what holds from now on. A stop, and another ``enable``, is proven at once.
+
+        :param enable: None: as before.
+        """
         with self._lock:
-            begins = self._writer.say(estop=verdict.estop, own_estop=verdict.own_estop)
-        if begins:
+            self._verdict = verdict
+            is_urgent = self._say(self._enable if enable is None else enable)
+        if is_urgent:
             self._publish(now)
 
-    def vouch(self, message: Any) -> None:
-        """Note the newest message with a header, such as a Joy."""
-        self._writer.vouch(nanoseconds(message.header.stamp))
+    def say_enabled(self, value: bool, now: float) -> None:
+        """Note whether the device says that it is enabled; a change is proven at once."""
+        with self._lock:
+            is_urgent = self._say(value)
+        if is_urgent:
+            self._publish(now)
+
+    def _say(self, enable: bool) -> bool:
+        self._enable, verdict = enable, self._verdict
+        return self._writer.say(
+            estop=verdict.estop, own_estop=verdict.own_estop, enable=self._enable
+        )
+
+    def goes_by(self, age: float) -> None:
+        """Note how old at most is what this node goes by, s; infinite: unknown."""
+        self._writer.age = age
+
+    def vouch(self, stamp: Any) -> None:
+        """Note the stamp of the newest message, such as a Joy."""
+        self._writer.vouch(nanoseconds(stamp))
 
     def answer(self, now: float) -> None:
-        """Answer what was asked since."""
-        due = False
-        with contextlib.suppress(Empty):
-            while True:
-                challenge = self._asked.get_nowait()
-                with self._lock:
-                    due |= self._writer.hear(challenge, now)
-        if due:
+        """Answer what was asked since, if it is time to."""
+        self._challenges.look()
+        for message in self._asked:
+            with self._lock:
+                self._due |= self._writer.hear(bytes(message.data), now)
+        self._asked.clear()
+        if self._due and not 0.0 <= now - self._proven_at < self._apart:
             self._publish(now)
-
-    def _on_challenge(self, message: Any, info: Any) -> None:
-        del info
-        if self._asked.qsize() < 64:  # the link's thread hangs
-            self._asked.put(bytes(message.data))
 
     def _publish(self, now: float) -> None:
         # Not under the lock: a thread that hangs in there must not keep a stop of another one.
         # Of two that overtake each other the newer one has both stops, and counts.
         with self._lock:
+            self._due, self._proven_at = False, now
             data = self._writer.proof(now)
         self._publisher.publish(UInt8MultiArray(data=data))

@@ -36,7 +36,7 @@ class RawTopics:
         self._publishers = (received, sent)
         self._ours, self._theirs = tap_pair()
         self.descriptor = self._theirs.fileno()
-        self._thread = threading.Thread(target=self._run, name='raw', daemon=True)
+        self._thread = threading.Thread(target=self._publish_all, name='raw', daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -48,7 +48,7 @@ class RawTopics:
         else:
             self._ours.close()
 
-    def _run(self) -> None:
+    def _publish_all(self) -> None:
         while chunks := self._take():
             self.dropped = chunks[-1].dropped
             epoch = time.time() - clock.now()

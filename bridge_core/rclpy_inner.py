@@ -59,6 +59,7 @@ class Topic:
     kind: Any
     callback: Callable[[Any, dict[str, Any]], object]
     raw: bool
+    urgent: bool = True
     subscription: Any = None
     wanted: bool = True
 
@@ -85,8 +86,14 @@ class Waiter(ABC):
             self._guard.trigger()
 
     @abstractmethod
-    def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
-        """Wait for messages, so many seconds at most, and call their callbacks."""
+    def wait(
+        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
+    ) -> None:
+        """
+        Wait for messages, so many seconds at most, and call their callbacks.
+
+        :param urgent: wait for urgent topics alone; the others are read after the wait.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -180,17 +187,22 @@ class _WaitSetWaiter(Waiter):
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
+    def wait(
+        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
+    ) -> None:
         if self._set is None or topics is not self._topics:
             self._make_set(topics)
         wait_set = self._set
         wait_set.clear_entities()  # a wait takes out what is not ready
-        for _, handle in self._held:
-            wait_set.add_subscription(handle)
+        places = {
+            topic: wait_set.add_subscription(handle)
+            for topic, handle in self._held
+            if topic.urgent or not urgent
+        }
         wait_set.add_guard_condition(self._guard.handle)
         wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
-        for index, (topic, handle) in enumerate(self._held):
-            if wait_set.is_ready('subscription', index):
+        for topic, handle in self._held:
+            if topic not in places or wait_set.is_ready('subscription', places[topic]):
                 self._take(topic, handle)
 
     def _take(self, topic: Topic, handle: Any) -> None:
@@ -260,8 +272,10 @@ class _ExecutorWaiter(Waiter):
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wait(self, topics: tuple[Topic, ...], timeout: float | None) -> None:
-        del topics
+    def wait(
+        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
+    ) -> None:
+        del topics, urgent
         self._executor.spin_once(timeout_sec=timeout)
 
     def close(self) -> None:

@@ -9,24 +9,30 @@ It is written beside the session, which may be in another process than the node.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
 from typing import Any, NamedTuple
 
 from bridge_core.framing import Counters
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.session import Level, Session
 
-_DAMAGED = '{}: {:.0%} of what comes is damaged'
-NOT_ACTIVE = 'the node is not active'
+_DAMAGED = Coded('link.damaged', '{}: {share:.0%} of what comes is damaged')
+NOT_ACTIVE = Coded('node.inactive', 'the node is not active')
 
 
 class Status(NamedTuple):
-    """One diagnostic: ``level`` of DiagnosticStatus, and ``message`` for a person."""
+    """
+    One diagnostic: ``level`` of DiagnosticStatus, and ``message`` for a person.
+
+    :param reasons: the sentences of the message, as far as they have codes.
+    """
 
     level: Level
     message: str
     values: dict[str, Any]
+    reasons: Sequence[str] = ()
 
 
 class Report(NamedTuple):
@@ -152,12 +158,14 @@ def report(
     if session is None:
         texts = dict.fromkeys([NOT_ACTIVE, *filter(None, [port.error])])
         return Report(
-            Status(Level.WARN, '; '.join(texts), {}),
-            Status(Level.WARN, f'{NOT_ACTIVE}; ~/estop is true', {}),
+            Status(Level.WARN, '; '.join(texts), {}, list(texts)),
+            Status(Level.WARN, f'{NOT_ACTIVE}; ~/estop is true', {}, [NOT_ACTIVE]),
         )
-    link = _link_status(port, session, damage, now)
+    level, reasons = _link_status(port, session, damage, now)
     values = _link_values(port, session, counts, now)
-    return Report(Status(*link, values), _device(port, session, now))
+    message = 'ok' if level == Level.OK else '; '.join(reasons)
+    link = Status(level, message, values, reasons)
+    return Report(link, _device(port, session, now))
 
 
 def levels(
@@ -174,14 +182,14 @@ def levels(
 
 def _link_status(
     port: LinkStatus, session: Session[Any, Any, Any], damage: Damage, now: float
-) -> tuple[Level, str]:
+) -> tuple[Level, list[str]]:
     if not port.is_open:
-        return Level.ERROR, port.error
+        return Level.ERROR, [passed_on(port.error, port.error, 'port.closed')]
     if not session.link_up:
-        return Level.ERROR, '; '.join(session.stop_reasons(now))
+        return Level.ERROR, session.stop_reasons(now)
     if damage.share >= Damage.LIMIT:
-        return Level.WARN, _DAMAGED.format(session.damaged, damage.share)
-    return Level.OK, 'ok'
+        return Level.WARN, [_DAMAGED.filled(session.damaged, share=damage.share)]
+    return Level.OK, []
 
 
 def _link_values(
@@ -205,9 +213,11 @@ def _link_values(
 def _device(port: LinkStatus, session: Session[Any, Any, Any], now: float) -> Status:
     problems = session.problems(now)
     if not port.is_open:  # the port knows why, and what to do
-        problems = [(lv, port.error if text == session.CLOSED else text) for lv, text in problems]
+        told = passed_on(port.error, port.error, 'port.closed')
+        problems = [(lv, told if text == session.CLOSED else text) for lv, text in problems]
     level, message = summarise(problems, session.summary())
     inhibits = [text for text in session.inhibits(now) if text not in message]
     if inhibits:
         message += f'; {session.HELD}: {"; ".join(inhibits)}'
-    return Status(level, message, session.values(now))
+    reasons = [*(text for _, text in problems), *inhibits]
+    return Status(level, message, session.values(now), reasons)

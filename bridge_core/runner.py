@@ -6,6 +6,7 @@
 from collections.abc import Callable, Collection, Iterable, Sequence
 import gc
 import os
+from pathlib import Path
 import re
 import signal
 import sys
@@ -19,7 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 
-from bridge_core import clock
+from bridge_core import clock, refusals
 from bridge_core.descriptors import close_inherited_descriptors, fill_standard_descriptors
 from bridge_core.help import help_text
 from bridge_core.managed_node import ManagedNode
@@ -34,25 +35,25 @@ from bridge_core.parameter_files import (
 from bridge_core.parameters import ParameterError
 from bridge_core.realtime import use_realtime
 from bridge_core.remappings import check_remappings
-from bridge_core.share import shared
+from bridge_core.share import loopback_profiles
+from bridge_core.thread_name import show_thread
 from bridge_core.transports import TransportError
 
 _RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _WIDE = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')  # any other word is LOCALHOST to rcl
 _ONLY = 'ROS_LOCALHOST_ONLY'  # rcl puts a 1 above range and peers
 _PEERS = 'ROS_STATIC_PEERS'
-# Jazzy's Fast DDS knows the first, later ones the second.
 _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # Who has set one of these has chosen the transports of Fast DDS.
 _CHOICES = {'FASTDDS_BUILTIN_TRANSPORTS', *_PROFILES}
-_LOOPBACK = 'config/fastdds_loopback.xml'
 _SOURCE = re.compile(r', at /\S+\.c:\d+')  # of rcl, which nobody here has
 _GARBAGE = 50_000  # objects until the collector looks for cycles
 # s for which a thread may keep the interpreter while others want it; 5 ms by default. A stop waits
 # for that long if it comes amid other work.
 _SWITCH_INTERVAL = 0.0002
 
-_ACKNOWLEDGE_LIMIT = 0.2  # s; of a reader that is frozen or was killed nothing ever comes
+# s; writers ask each 0.2 s. Of a reader that is frozen or was killed nothing ever comes.
+_ACKNOWLEDGE_LIMIT = 0.3
 _THREADS_LIMIT = 2.0  # s; see docs/common.md, When it is stopped
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
@@ -196,17 +197,19 @@ def _run(
     except (ParameterError, ParameterException) as error:
         for node in nodes:
             node.get_logger().set_level(LoggingSeverity.ERROR)  # their stop is no news
-        of = getattr(error, 'node', '') if len(factories) > 1 else ''
-        return _refuse(f'{of}: {error}' if of else str(error))
+        of = getattr(error, 'node', '')
+        return _refuse(f'{of}: {error}' if of and len(factories) > 1 else str(error), of)
     finally:
         threads += filter(None, (node.lane.thread for node in nodes))
         _leave(nodes)
         _await(threads)
 
 
-def _refuse(text: str) -> int:
+def _refuse(text: str, node: str = '') -> int:
     """Say in one line what is wrong with the command line or a file; return the exit status."""
-    print(f'rugged_teleop: {" ".join(text.split())}', file=sys.stderr)
+    line = ' '.join(text.split())
+    print(f'rugged_teleop: {line}', file=sys.stderr)
+    refusals.leave(node or Path(sys.argv[0]).name, line)
     return 2
 
 
@@ -230,14 +233,14 @@ def avoid_shared_memory() -> str:
             f'unset {_PEERS}, or set {_RANGE} to SUBNET: shared memory is in use, which can '
             f'block, because {_PEERS} is set and {local}'
         )
-    profile = str(shared(_LOOPBACK))
+    profiles = loopback_profiles()
     os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
     for name in (_ONLY, *_CHOICES):  # none, or an empty one
         os.environ.pop(name, None)
-    os.environ |= dict.fromkeys(_PROFILES, profile)
+    os.environ |= profiles
     return (
-        f'messages stay on this computer, as {local}, and go by UDP, as {profile} says; '
-        f'{_PROFILES[0]} chooses another profile'
+        f'messages stay on this computer, as {local}, and go by UDP, as '
+        f'{profiles[_PROFILES[0]]} says; {_PROFILES[0]} chooses another profile'
     )
 
 
@@ -261,6 +264,7 @@ def _spin(nodes: Sequence[ManagedNode], end: _End, threads: list[threading.Threa
         end.tell()
 
     def spin(node: ManagedNode, executor: SingleThreadedExecutor) -> None:
+        show_thread(f'spin {node.get_name()}')
         executor.add_node(node)
         try:
             node.autostart()

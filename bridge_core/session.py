@@ -19,6 +19,7 @@ import math
 from typing import Any, Generic, TypeVar, Union
 
 from bridge_core.framing import Decoder
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import Watchdog
 
 # A stop for discarded input lasts this long (s), so that a listener who keeps only the newest
@@ -79,7 +80,21 @@ class Answer:
     text: str
 
 
-Event = Union[EventT, StopChanged, Answer]  # noqa: UP007 - an alias with a type variable
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """
+    An event of an actuator: a challenge is to be sent to its mux.
+
+    :param proven: the mux has to prove its words from now on. :param age: at most, of what it said
+        lately, s; infinite: unknown.
+    """
+
+    challenge: bytes
+    proven: bool
+    age: float
+
+
+Event = Union[EventT, StopChanged, Answer, Asked]  # noqa: UP007 - an alias with a type variable
 Output = tuple[list[Event[EventT]], list[FrameT]]
 
 
@@ -95,7 +110,8 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     :param link_timeout: seconds without a sign of life of the device that count as lost.
     """
 
-    CLOSED = 'the port is not open'  # why there is a stop then, and what to do
+    # Why there is a stop while it is closed, and what to do.
+    CLOSED: str = Coded('port.closed', 'the port is not open')
     DAMAGED = 'check cable, shield, ground and bit rate'  # what to do where much is damaged
     HELD = 'held'  # what outputs are while inhibits returns anything: disabled, neutral, ...
 
@@ -133,6 +149,15 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     def frame_age(self, now: float) -> float:
         """Return the seconds since the last sign of life; infinite if there was none."""
         return self._heard.age(now)
+
+    def as_of(self, now: float) -> float:
+        """
+        Return a moment: what the verdict goes by was said by the device no sooner.
+
+        It is -inf where nobody knows.
+        """
+        del now
+        return -math.inf
 
     @property
     def damaged(self) -> str:
@@ -224,6 +249,10 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         if not self._open:
             return math.inf
         return min(self._decoder.deadline, self._expires_at(), self._sends_at())
+
+    def may_wait(self) -> bool:
+        """Tell whether what comes may be read with the next deadline: it would change nothing."""
+        return False
 
     def farewell(self, now: float) -> Iterable[FrameT]:
         """Return the frames that leave the device in its safe state."""
@@ -445,13 +474,14 @@ class Pacer:
     Late by a little is made up for, or the rate would sag; late by much is not, or a burst would
     follow.
 
-    :param period: seconds between two frames.
+    :param period: seconds between two frames. :param early: for which a frame may come before its
+        slot, with what wakes the link anyway; the slots stay.
     """
 
-    __slots__ = ('due', 'period')
+    __slots__ = ('due', 'early', 'period')
 
-    def __init__(self, period: float) -> None:
-        self.period = period
+    def __init__(self, period: float, early: float = 0.0) -> None:
+        self.period, self.early = period, early
         self.due = math.inf  # when the next frame is; infinite: stopped
 
     def start(self, now: float) -> None:
@@ -464,9 +494,9 @@ class Pacer:
 
     def is_due(self, now: float) -> bool:
         """Tell whether a frame is due."""
-        return now >= self.due
+        return now >= self.due - self.early
 
     def sent(self, now: float) -> None:
         """Note that a frame goes now, due or sooner; the next one gets its slot."""
-        slot = min(self.due, now) + self.period
+        slot = (self.due if self.is_due(now) else now) + self.period
         self.due = max(slot, now + self.period / 2)

@@ -5,6 +5,12 @@
 
 from pathlib import Path
 
+# Jazzy's Fast DDS knows the first, later ones the second.
+_LOOPBACK = {
+    'FASTRTPS_DEFAULT_PROFILES_FILE': 'config/fastdds_loopback_jazzy.xml',
+    'FASTDDS_DEFAULT_PROFILES_FILE': 'config/fastdds_loopback.xml',
+}
+
 
 def shared(name: str) -> Path:
     """
@@ -19,3 +25,8 @@ def shared(name: str) -> Path:
         if (place / name).is_file():
             return place / name
     raise FileNotFoundError(f'{name} is not in {places[0]} nor in share/ of the installation')
+
+
+def loopback_profiles() -> dict[str, str]:
+    """Return the variables that keep Fast DDS on this machine, and without shared memory."""
+    return {name: str(shared(path)) for name, path in _LOOPBACK.items()}

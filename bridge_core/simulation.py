@@ -19,13 +19,15 @@ class Simulated:
     A simulated device, for the command line.
 
     :param make: makes it of the options. :param help: what it obeys. :param port: what it is on.
-    :param options: adds its own options to a parser.
+    :param options: adds its own options to a parser. :param as_measured: of a report of
+        ``commission`` and the full name of its node, the lines by which it is like that device.
     """
 
     make: Callable[[Namespace], Any]
     help: str
     port: Literal['pty', 'multicast', 'can'] = 'pty'
     options: Callable[[ArgumentParser], object] = lambda _: None
+    as_measured: Callable[[Mapping[str, Any], str], list[str]] | None = None
 
 
 def obey(simulator: Any, commands: Commands, text: str) -> None:

@@ -31,6 +31,7 @@ class Times:
     spare: float = 1.0  # after which a wire gets a spare; what starts is busy enough before
     long_life: float = 5.0  # after which the next start comes at once
     pause: float = 0.1  # to the second start; each pause after it is twice as long
+    look: float = 0.01  # until a start that was put off is tried
     fault: float = 1.0  # that the stop after a fault of the node lasts
 
 
@@ -88,6 +89,10 @@ class Supervisor:
         if self.wire is Stage.NONE:
             return self._start_at
         return max(self._start_at, self._turn_at + self._times.spare)
+
+    def not_yet(self, now: float) -> None:
+        """Note that a start is worth a wait: what it takes still loads."""
+        self._start_at = now + self._times.look
 
     def trying(self, now: float) -> None:
         """Note that a start is tried; the next one comes a while later."""
@@ -236,7 +241,7 @@ class Orders:
             self._activation = command
         self._open[command.number] = command
 
-    def end(self, number: int, error: str) -> dict[int, str]:
+    def ended(self, number: int, error: str) -> dict[int, str]:
         """
         Note the end of a command, and of those before it: theirs found no room.
 

@@ -18,6 +18,11 @@ FrameT = TypeVar('FrameT')
 class TransportError(Exception):
     """The port cannot be opened, is gone, or accepts no bytes; the text says what to do."""
 
+    @property
+    def reason(self) -> str:
+        """The text, with its code if it has one."""
+        return self.args[0] if self.args else ''
+
 
 class Transport(Protocol[FrameT]):
     """One port of one device."""

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-import time
 from typing import Any, Generic
 
 from bridge_core import clock
@@ -22,6 +21,7 @@ from bridge_core.waiting import ready
 SHORTEST_WAIT = 0.0005
 # Waking this much later than meant, this process was frozen: what waits in the port is old news.
 FROZEN_TIME = 0.2
+_PATIENCE = 0.01  # s that what comes may wait for the session's deadline, if it may wait at all
 _FAREWELL_TIME = 0.1
 _DISCARD_READS = 1000
 
@@ -72,6 +72,10 @@ class Active(Generic[FrameT]):
         earliest = max(self._polled_at + SHORTEST_WAIT, self._retry_at)
         return max(self.session.deadline(), earliest)
 
+    def waits(self, due: float) -> bool:
+        """Tell whether to read only when the session is due, with one wake-up for both."""
+        return self.session.may_wait() and due - clock.now() <= _PATIENCE
+
     def begin(self, now: float) -> None:
         """Begin on a port that has opened. :raises TransportError: it is gone."""
         self._deliver(self.session.opened(now), now)
@@ -101,7 +105,8 @@ class Active(Generic[FrameT]):
             try:
                 # A line busy with earlier frames is no reason to leave the device moving.
                 while not (taken := self.transport.send(frame)) and clock.now() < end:
-                    time.sleep(0.001)
+                    if ready([self.transport.fileno()], 0.001):
+                        self.transport.receive()  # a line on which one speaks at a time waits for it
             except TransportError as failure:
                 taken, error = False, str(failure)
             if taken:

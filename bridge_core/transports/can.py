@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-CAN through python-can: extended data frames of classic CAN up, everything else counted.
+CAN: extended data frames of classic CAN up, everything else counted.
+
+The kernel's interfaces need the standard library alone. python-can, which carries all other buses,
+takes as much memory as the rest of a wire's process. It is loaded as one is opened, in a thread:
+the wire goes on meanwhile.
 
 A bus is lost when its interface goes down, is deleted, or has gone bus-off. Then the port is
 closed and opened anew with the link's back-off, so a bus in trouble costs no processor time, and
@@ -18,20 +22,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 import errno
-import logging
 import math
 import os
-
-import can
+import sys
 
 from bridge_core import clock
 from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import check_channel
 from bridge_core.transports.can_errors import BUS_OFF, KINDS, kinds_of, RECEIVE_OVERFLOWS
-from bridge_core.transports.can_multicast import MulticastPort
-from bridge_core.transports.can_port import BusOffError, CanPort, LostFramesError
-from bridge_core.transports.can_pumped import PumpedPort
+from bridge_core.transports.can_port import BusOffError, CanPort, LostFramesError, RawFrame
 from bridge_core.transports.can_socket import SocketCanPort
 from bridge_core.transports.serial_identity import identity_of
 
@@ -42,14 +42,13 @@ _COUNTED = (
 _GONE = (errno.ENODEV, errno.ENXIO)
 _NO_CAN = (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
 _TAKE_TIMEOUT = 1.0  # s
-_PORT_ERRORS = (
-    *(can.CanError, OSError, ValueError, NotImplementedError),
-    *(BusOffError, LostFramesError),
-)
+_ERRORS = (OSError, ValueError, NotImplementedError, BusOffError, LostFramesError)
 
-# python-can logs at each try what we say once, in better words; without a handler of its own
-# that would land on stderr.
-logging.getLogger('can').addHandler(logging.NullHandler())
+
+def _port_errors(*others: type[Exception]) -> tuple[type[Exception], ...]:
+    """Return what ports raise; python-can's errors, too, where one of its buses is in use."""
+    can = sys.modules.get('can')
+    return (*_ERRORS, *others, *((can.CanError,) if can else ()))
 
 
 class CanTransport:
@@ -93,14 +92,18 @@ class CanTransport:
         try:
             self._port = self._open_port()
             self.device = str(identity_of(self._channel.partition('@')[0]))
-        except (*_PORT_ERRORS, TransportError) as error:
+        except _port_errors(TransportError, ImportError) as error:
             raise TransportError(f'cannot open {self.name}: {self._explain(error)}') from error
 
     def _open_port(self) -> CanPort:
         if self._interface == 'socketcan':
             return SocketCanPort(self._channel, self._filters)
         if self._interface == 'udp_multicast':
+            from bridge_core.transports.can_multicast import MulticastPort
+
             return MulticastPort(self._channel, self._filters, self._counts)
+        from bridge_core.transports.can_pumped import PumpedPort
+
         options = {'interface': self._interface, 'channel': self._channel}
         bitrate = {} if self._bitrate is None else {'bitrate': self._bitrate}
         return PumpedPort({**options, **bitrate}, self._filters, self._counts)
@@ -120,23 +123,20 @@ class CanTransport:
         if self._port is None:
             raise TransportError(f'{self.name}: not open')
         try:
-            messages = self._port.read()
-            if not all(message.is_error_frame for message in messages):
+            frames = self._port.read()
+            if not all(frame.is_error for frame in frames):
                 self._note_heard(clock.now())
-            return [frame for message in messages if (frame := self._sort(message)) is not None]
-        except _PORT_ERRORS as error:
+            return [found for frame in frames if (found := self._sort(frame)) is not None]
+        except _port_errors() as error:
             raise TransportError(f'{self.name}: {self._explain(error)}') from error
 
     def send(self, frame: CanFrame) -> bool:
         """Send a frame, or drop it while the line is busy. :raises TransportError: bus lost."""
         if self._port is None:
             raise TransportError(f'{self.name}: not open')
-        message = can.Message(
-            arbitration_id=frame.identifier, data=frame.data, is_extended_id=True
-        )
         try:
-            taken = self._port.write(message)
-        except _PORT_ERRORS as error:
+            taken = self._port.write(frame)
+        except _port_errors() as error:
             raise TransportError(f'{self.name}: cannot send, {self._explain(error)}') from error
         begin = max(self._port.stuck_since(), self._heard_since)
         if self._heard_at - begin > _TAKE_TIMEOUT:
@@ -148,29 +148,29 @@ class CanTransport:
             self._heard_since = now
         self._heard_at = now
 
-    def _sort(self, message: can.Message) -> CanFrame | None:
+    def _sort(self, frame: RawFrame) -> CanFrame | None:
         """
         Return what is for the session; count the rest.
 
         :raises BusOffError: the controller says so; :raises LostFramesError: or so.
         """
-        if message.is_error_frame:
-            self._take_error(message)
-        elif message.is_remote_frame:
+        if frame.is_error:
+            self._take_error(frame)
+        elif frame.is_remote:
             self._counts['remote frames'] += 1
-        elif message.is_fd:
+        elif frame.is_fd:
             self._counts['CAN FD frames'] += 1
-        elif not message.is_extended_id:
+        elif not frame.is_extended:
             self._counts['standard frames'] += 1
         else:
             try:
-                return CanFrame(message.arbitration_id, bytes(message.data))
+                return CanFrame(frame.identifier, frame.data)
             except ValueError:  # only simulated buses can carry such
                 self._counts['impossible frames'] += 1
         return None
 
-    def _take_error(self, message: can.Message) -> None:
-        kinds = kinds_of(message.arbitration_id, bytes(message.data))
+    def _take_error(self, frame: RawFrame) -> None:
+        kinds = kinds_of(frame.identifier, frame.data)
         self._counts.update(('error frames', *kinds))
         if BUS_OFF in kinds:
             raise BusOffError

@@ -17,9 +17,11 @@ import uuid
 import can
 from can.interfaces.udp_multicast import utils as multicast_wire
 
+from bridge_core.j1939 import CanFrame
 from bridge_core.transports import TransportError
 from bridge_core.transports.can_channel import multicast_address
-from bridge_core.transports.can_port import Filters, passes
+from bridge_core.transports.can_messages import message_of, raw_frame
+from bridge_core.transports.can_port import Filters, passes, RawFrame
 from bridge_core.transports.multicast import MulticastTransport
 
 
@@ -43,13 +45,14 @@ class MulticastPort:
         """Return the descriptor to wait on."""
         return self._udp.fileno()
 
-    def read(self) -> list[can.Message]:
+    def read(self) -> list[RawFrame]:
         """Return other senders' frames that pass the filters."""
-        messages = (self._unpack(datagram) for datagram in self._udp.receive())
-        return [message for message in messages if message is not None]
+        frames = (self._unpack(datagram) for datagram in self._udp.receive())
+        return [frame for frame in frames if frame is not None]
 
-    def write(self, message: can.Message) -> bool:
+    def write(self, frame: CanFrame) -> bool:
         """Send a datagram."""
+        message = message_of(frame)
         message.channel = self._token
         return self._udp.send(multicast_wire.pack_message(message))
 
@@ -61,15 +64,16 @@ class MulticastPort:
         """Leave the group."""
         self._udp.close()
 
-    def _unpack(self, datagram: bytes) -> can.Message | None:
+    def _unpack(self, datagram: bytes) -> RawFrame | None:
         try:
             message = multicast_wire.unpack_message(datagram, check=True)
         except Exception:  # msgpack and python-can raise many kinds
             self._counts['impossible frames'] += 1
             return None
-        if message.channel == self._token or not passes(message, self._filters):
+        frame = raw_frame(message)
+        if message.channel == self._token or not passes(frame, self._filters):
             return None
-        return message
+        return frame
 
 
 def _open_multicast(group: str, port: int) -> MulticastTransport:

@@ -12,9 +12,10 @@ slcan or pcan, may block or have no descriptor, so two threads carry their frame
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
-import can
+from bridge_core.j1939 import CanFrame
 
 # Frames a call: bounds how long a stop waits while the bus is full.
 READS = 64
@@ -32,16 +33,28 @@ class LostFramesError(Exception):
     """Frames were thrown away unread, and may have said stop."""
 
 
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """A frame of any kind; simulated buses carry impossible ones, too."""
+
+    identifier: int
+    data: bytes
+    is_extended: bool = True
+    is_remote: bool = False
+    is_error: bool = False
+    is_fd: bool = False
+
+
 class CanPort(Protocol):
-    """An open connection to a bus; raises python-can's errors and OSError."""
+    """An open connection to a bus; raises OSError, and those on python-can its errors."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
 
-    def read(self) -> list[can.Message]:
-        """Return what has arrived, READS messages at most, without waiting."""
+    def read(self) -> list[RawFrame]:
+        """Return what has arrived, READS frames at most, without waiting."""
 
-    def write(self, message: can.Message) -> bool:
+    def write(self, frame: CanFrame) -> bool:
         """Send without waiting; return False if the port was busy and dropped it."""
 
     def stuck_since(self) -> float:
@@ -51,10 +64,10 @@ class CanPort(Protocol):
         """Leave the bus; queued frames may still go out."""
 
 
-def passes(message: can.Message, filters: Filters) -> bool:
+def passes(frame: RawFrame, filters: Filters) -> bool:
     """Filter as SocketCAN does in the kernel: error frames always pass."""
-    if message.is_error_frame or not filters:
+    if frame.is_error or not filters:
         return True
-    return message.is_extended_id and any(
-        not (message.arbitration_id ^ identifier) & mask for identifier, mask in filters
+    return frame.is_extended and any(
+        not (frame.identifier ^ identifier) & mask for identifier, mask in filters
     )

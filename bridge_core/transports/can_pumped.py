@@ -22,13 +22,16 @@ from typing import Any
 import can
 
 from bridge_core import clock
+from bridge_core.j1939 import CanFrame
 from bridge_core.transports import exclusive, TransportError
 from bridge_core.transports.can_errors import RECEIVE_OVERFLOWS
+from bridge_core.transports.can_messages import message_of, raw_frame
 from bridge_core.transports.can_port import (
     Filters,
     LostFramesError,
     OLD,
     passes,
+    RawFrame,
     READS,
     RECEIVE_QUEUE_LIMIT,
 )
@@ -72,8 +75,8 @@ class PumpedPort:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._to_send = threading.Condition(self._lock)
-        self._received: deque[can.Message] = deque()
-        self._outgoing: deque[tuple[float, can.Message]] = deque()
+        self._received: deque[RawFrame] = deque()
+        self._outgoing: deque[tuple[float, CanFrame]] = deque()
         self._failure: Exception | None = None
         self._closing = False
         self._sending_since = math.inf
@@ -87,7 +90,7 @@ class PumpedPort:
         """Return the eventfd that the reader thread signals."""
         return self._wake_fd
 
-    def read(self) -> list[can.Message]:
+    def read(self) -> list[RawFrame]:
         """
         Return the received frames; once there are none, raise the error that ended a thread.
 
@@ -97,16 +100,16 @@ class PumpedPort:
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
             count = min(READS, len(self._received))
-            messages = [self._received.popleft() for _ in range(count)]
+            frames = [self._received.popleft() for _ in range(count)]
             if self._received or self._failure:
                 self._wake()
         if self._failure is not None and (
-            not messages or isinstance(self._failure, LostFramesError)
+            not frames or isinstance(self._failure, LostFramesError)
         ):
             raise self._failure
-        return messages
+        return frames
 
-    def write(self, message: can.Message) -> bool:
+    def write(self, frame: CanFrame) -> bool:
         """Pass it to the writer thread; drop it while its queue is full of what is not old."""
         if self._failure is not None:
             raise self._failure
@@ -117,7 +120,7 @@ class PumpedPort:
                 raise can.CanOperationError(STALLED)
             if self._count_waiting() >= _SEND_QUEUE_LIMIT:
                 return False
-            self._outgoing.append((clock.now(), message))
+            self._outgoing.append((clock.now(), frame))
             self._to_send.notify()
         return True
 
@@ -147,17 +150,17 @@ class PumpedPort:
         try:
             while not self._closing:
                 message = self._bus.recv(_RECV_TIMEOUT)
-                if message is not None and passes(message, self._filters):
-                    self._put(message)
+                if message is not None and passes(frame := raw_frame(message), self._filters):
+                    self._put(frame)
         except Exception as error:  # any error of a driver ends the port
             self._fail(error)
 
     def _outward(self) -> None:
         try:
-            while (message := self._next()) is not None:
+            while (frame := self._next()) is not None:
                 self._sending_since = clock.now()
                 self._line.wrote(_LINE_FRAME)
-                self._bus.send(message)
+                self._bus.send(message_of(frame))
                 self._sending_since = math.inf
         except Exception as error:
             self._fail(error)
@@ -168,7 +171,7 @@ class PumpedPort:
             self._bus.shutdown()
         self._held.close()
 
-    def _next(self) -> can.Message | None:
+    def _next(self) -> CanFrame | None:
         """Wait for a frame to send, and for a line to take it; None: there will be none."""
         with self._to_send:
             while not self._count_waiting() or self._line.busy_since() < math.inf:
@@ -185,13 +188,13 @@ class PumpedPort:
             self._counts['frames too old to send'] += 1
         return len(self._outgoing)
 
-    def _put(self, message: can.Message) -> None:
+    def _put(self, frame: RawFrame) -> None:
         with self._lock:
             if len(self._received) >= RECEIVE_QUEUE_LIMIT:
                 self._received.popleft()
                 self._counts[RECEIVE_OVERFLOWS] += 1
                 self._failure = self._failure or LostFramesError()
-            self._received.append(message)
+            self._received.append(frame)
             self._wake()
 
     def _fail(self, error: Exception) -> None:

@@ -14,37 +14,38 @@ from __future__ import annotations
 from collections import deque
 import contextlib
 import errno
+from functools import partial
 import math
 import os
 from pathlib import Path
 import socket
 import struct
 
-import can
-from can.interfaces.socketcan import SocketcanBus
-from can.typechecking import CanFilters
-
 from bridge_core import clock
+from bridge_core.j1939 import CanFrame
 from bridge_core.transports.can_port import (
     BusOffError,
     Filters,
     LostFramesError,
     OLD,
     passes,
+    RawFrame,
     READS,
     RECEIVE_QUEUE_LIMIT,
 )
 from bridge_core.transports.multicast import IFF_UP, interface_flags
 from bridge_core.waiting import writable
 
-_BUSY = (None, errno.EAGAIN, errno.ENOBUFS)  # None: 'Transmit buffer full'
+_BUSY = (errno.EAGAIN, errno.ENOBUFS)
 _LOST = 0.5  # s; after this long without a confirmation one more frame is tried
 _AT_ONCE = 0.05  # s in which a live bus confirms that frame; what it was tried behind is lost
 _SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
 _FRAME = struct.Struct('=IB3x')  # linux/can.h: identifier and flags, length; then the data
 _FD_FRAME_SIZE = 72
+_FILTER = struct.Struct('=II')  # linux/can.h: identifier, mask
 _SO_RXQ_OVFL = 40  # asm-generic/socket.h: have each message say how many were dropped before it
-_ANCILLARY = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)  # python-can asks for a time, too
+_ANCILLARY = socket.CMSG_SPACE(4)
+_CAN_RAW_ERR_FILTER, _EVERY_ERROR = 2, 0x1FFFFFFF  # linux/can/raw.h
 _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 
 
@@ -106,33 +107,23 @@ class SocketCanPort:
 
     def __init__(self, channel: str, filters: Filters) -> None:
         _check_interface(channel)
-        can_filters: CanFilters = [
-            {'can_id': id_, 'can_mask': mask, 'extended': True} for id_, mask in filters
-        ]
-        # CAN FD is received only to be counted: such frames are not for us. Our own come back as
-        # confirmations, where the filters let them.
-        self._bus = SocketcanBus(
-            channel, receive_own_messages=True, fd=True, can_filters=can_filters or None
-        )
-        self._socket = self._bus.socket
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._socket = _open_socket(channel, filters)
         self._filters = filters
         self._unconfirmed = Unconfirmed()
-        self._kept: list[can.Message] = []  # read by write
+        self._kept: list[RawFrame] = []  # read by write
         self._readable_fd = os.eventfd(1, os.EFD_CLOEXEC)
 
     def fileno(self) -> int:
-        """Return the socket's descriptor, or one that is readable while a message is kept."""
-        return self._readable_fd if self._kept else self._bus.fileno()
+        """Return the socket's descriptor, or one that is readable while a frame is kept."""
+        return self._readable_fd if self._kept else self._socket.fileno()
 
-    def read(self) -> list[can.Message]:
+    def read(self) -> list[RawFrame]:
         """Return what the kernel has let through, confirmations apart."""
         kept, self._kept = self._kept, []
         return kept + self._take()
 
-    def _take(self) -> list[can.Message]:
-        messages: list[can.Message] = []
+    def _take(self) -> list[RawFrame]:
+        frames: list[RawFrame] = []
         for _ in range(READS):
             try:
                 data, beside, flags, _ = self._socket.recvmsg(
@@ -142,33 +133,32 @@ class SocketCanPort:
                 break
             if any(kind == _SO_RXQ_OVFL for _, kind, _ in beside):
                 raise LostFramesError
-            message = _unpack(data)
+            frame = _unpack(data)
             if flags & socket.MSG_CONFIRM:
-                self._unconfirmed.confirmed(_key(message), clock.now())
+                self._unconfirmed.confirmed(_key(frame), clock.now())
             else:
-                messages.append(message)
-        return messages
+                frames.append(frame)
+        return frames
 
-    def write(self, message: can.Message) -> bool:
+    def write(self, frame: CanFrame) -> bool:
         """Hand it to the kernel; drop it while its queue is full, or holds what is old."""
         if not self._unconfirmed.may_send(clock.now()):
             self._kept += self._take()  # after a pause of ours the confirmation is there, unread
         now = clock.now()
-        taken = self._unconfirmed.may_send(now) and self._hand_over(message)
+        taken = self._unconfirmed.may_send(now) and self._hand_over(frame)
         if taken:
-            confirmed = passes(message, self._filters)
-            self._unconfirmed.sent(_key(message), now, is_confirmed=confirmed)
+            confirmed = passes(RawFrame(frame.identifier, frame.data), self._filters)
+            self._unconfirmed.sent(_key(frame), now, is_confirmed=confirmed)
         else:
             self._unconfirmed.refused(now)
         return taken
 
-    def _hand_over(self, message: can.Message) -> bool:
-        # Not by python-can, whose select() refuses descriptors above 1023.
+    def _hand_over(self, frame: CanFrame) -> bool:
         if not writable(self._socket.fileno(), 0.0):
             return False
-        head = _FRAME.pack(message.arbitration_id | _EXTENDED, len(message.data))
+        head = _FRAME.pack(frame.identifier | _EXTENDED, len(frame.data))
         try:
-            self._socket.send(head + message.data.ljust(8, b'\0'), socket.MSG_DONTWAIT)
+            self._socket.send(head + frame.data.ljust(8, b'\0'), socket.MSG_DONTWAIT)
         except OSError as error:
             if error.errno in _BUSY:
                 return False
@@ -183,7 +173,7 @@ class SocketCanPort:
         """Close the socket."""
         os.close(self._readable_fd)
         with contextlib.suppress(OSError):  # closing what is already gone
-            self._bus.shutdown()
+            self._socket.close()
 
 
 def _check_interface(name: str) -> None:
@@ -196,20 +186,40 @@ def _check_interface(name: str) -> None:
             raise BusOffError
 
 
-def _unpack(data: bytes) -> can.Message:
+def _open_socket(channel: str, filters: Filters) -> socket.socket:
+    """Join a bus; nothing of before comes, nor what the filters do not let through."""
+    with contextlib.ExitStack() as undo:
+        port = undo.enter_context(socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW))
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        port.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        set_option = partial(port.setsockopt, socket.SOL_CAN_RAW)
+        # Our own frames come back as confirmations, where the filters let them.
+        set_option(socket.CAN_RAW_RECV_OWN_MSGS, 1)
+        set_option(_CAN_RAW_ERR_FILTER, _EVERY_ERROR)
+        with contextlib.suppress(OSError):  # CAN FD, only to be counted: such are not for us
+            set_option(socket.CAN_RAW_FD_FRAMES, 1)
+        if filters:
+            words = ((id_ | _EXTENDED, mask | _EXTENDED) for id_, mask in filters)
+            set_option(socket.CAN_RAW_FILTER, b''.join(_FILTER.pack(*pair) for pair in words))
+        port.bind((channel,))
+        undo.pop_all()
+    return port
+
+
+def _unpack(data: bytes) -> RawFrame:
     """Read a frame as the kernel has it."""
     identifier, length = _FRAME.unpack_from(data)
-    return can.Message(
-        arbitration_id=identifier & 0x1FFFFFFF,
-        is_extended_id=bool(identifier & _EXTENDED),
-        is_remote_frame=bool(identifier & _REMOTE),
-        is_error_frame=bool(identifier & _ERROR),
+    is_remote = bool(identifier & _REMOTE)
+    return RawFrame(
+        identifier & 0x1FFFFFFF,
+        b'' if is_remote else data[_FRAME.size : _FRAME.size + length],
+        is_extended=bool(identifier & _EXTENDED),
+        is_remote=is_remote,
+        is_error=bool(identifier & _ERROR),
         is_fd=len(data) == _FD_FRAME_SIZE,
-        dlc=length,
-        data=data[_FRAME.size : _FRAME.size + length],
     )
 
 
-def _key(message: can.Message) -> bytes:
+def _key(frame: CanFrame | RawFrame) -> bytes:
     """Return what tells a frame of ours from another."""
-    return message.arbitration_id.to_bytes(4, 'big') + bytes(message.data)
+    return frame.identifier.to_bytes(4, 'big') + frame.data

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 import contextlib
 import os
-from pathlib import Path
 import signal
 import socket
 import subprocess
-import sys
 
-from bridge_core.transports.wire_process import receive
+from bridge_core.transports.forked import Forked, Template
+from bridge_core.transports.started import popen
+from bridge_core.transports.wire_process import KNOWN, receive
 
 _ROOM = 1 << 20  # bytes, for messages to it; the system may allow less
 
@@ -26,7 +26,7 @@ class Child:
     :param socket: to it; neither end waits for the other.
     """
 
-    def __init__(self, process: subprocess.Popen[bytes], socket: socket.socket) -> None:
+    def __init__(self, process: subprocess.Popen[bytes] | Forked, socket: socket.socket) -> None:
         self.process = process
         self.socket = socket
 
@@ -36,30 +36,49 @@ class Child:
         title: str,
         program: str,
         module: str,
-        arguments: Sequence[str],
+        rt_priority: int,
+        reconnect_period: float,
         descriptors: Sequence[int],
+        template: Template | None,
     ) -> Child:
         """
-        Start one; it is told the descriptor of its end, the module and the arguments.
+        Start one; the arguments are those of start_wire.
 
         :param title: for whoever lists the processes. :param module: as of Bridge.
-        :param descriptors: that it gets besides. :raises OSError: the system allows no more.
+        :param descriptors: TAP and so on. :raises OSError: the system allows no more.
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs, contextlib.ExitStack() as undo:
             undo.callback(ours.close)
             ours.setblocking(False)
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
-            process = subprocess.Popen(
-                [title, '-S', '-m', program, str(theirs.fileno()), module, *arguments],
-                executable=sys.executable,
-                pass_fds=[theirs.fileno(), *descriptors],
-                stdin=subprocess.DEVNULL,
-                env=environment(module),
-                start_new_session=True,  # the terminal's signals are the node's business
-            )
+            given = [theirs.fileno(), *(each for each in descriptors if each >= 0)]
+            words = [rt_priority, theirs.fileno(), module, reconnect_period, *descriptors]
+            arguments = [*map(str, words)]
+            forked = template.fork(title, arguments, given) if template else None
+            process = forked or popen(title, program, module, arguments, given)
             undo.pop_all()
         return cls(process, ours)
+
+    def fileno(self) -> int:
+        """Return what becomes readable with its next word, or while it is not known its pid."""
+        if isinstance(self.process, Forked) and self.process.answer.fileno() >= 0:
+            return self.process.answer.fileno()
+        return self.socket.fileno()
+
+    def is_known(self) -> bool:
+        """Tell whether it is there, as it is told, too. :raises OSError: as of Forked."""
+        if isinstance(self.process, Forked) and not self.process.is_known():
+            return False
+        with contextlib.suppress(OSError):  # it has just ended
+            self.socket.send(KNOWN)
+        return True
+
+    def drop(self) -> None:
+        """Have one end that may be there, and is not known."""
+        self.socket.close()
+        if isinstance(self.process, Forked):
+            self.process.answer.close()
 
     def receive(self) -> bytes | None:
         """Return what it says next, without waiting; empty: it has ended; None: nothing."""
@@ -94,23 +113,3 @@ class Child:
         with contextlib.suppress(ValueError):  # a real-time signal has no name
             return f'was killed by {signal.Signals(-code).name}'
         return f'was killed by signal {-code}'
-
-
-def environment(module: str) -> dict[str, str]:
-    """
-    Return the environment in which ``python -S -m`` finds what this process has imported.
-
-    Without the module ``site`` it starts sooner and takes less memory. Its own name is no path
-    that would lead it to its libraries.
-    """
-    roots = [
-        str(Path(sys.modules[name].__file__ or '').parents[name.count('.')])
-        for name in (__name__, module)
-    ]
-    path = [*roots, *(folder or os.getcwd() for folder in sys.path)]
-    return {
-        **os.environ,
-        'PYTHONHOME': f'{sys.base_prefix}:{sys.base_exec_prefix}',
-        'PYTHONPATH': os.pathsep.join(dict.fromkeys(path)),
-        'PYTHONSAFEPATH': '1',  # from Python 3.11: nothing from where the node was started
-    }

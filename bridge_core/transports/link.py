@@ -19,6 +19,7 @@ import threading
 from typing import Any, Protocol
 
 from bridge_core import clock
+from bridge_core.thread_name import show_thread
 from bridge_core.transports import TransportError
 from bridge_core.transports.bridge import Bridge, Owner
 from bridge_core.transports.request import (
@@ -137,6 +138,11 @@ class Link:
             with contextlib.suppress(ValueError):  # a fault was logged, and the port is closed
                 self._command(ANSWER_TIME, Deactivate())
 
+    def as_of(self, now: float) -> float | None:
+        """Return what Session.as_of does; None: the session is in another process."""
+        del now
+        return None
+
     def stop(self) -> None:
         """End the wire, farewell included; may be called twice. Raises nothing."""
         self._end()
@@ -165,6 +171,7 @@ class Link:
             raise ValueError(errors[0])
 
     def _work(self) -> None:
+        show_thread(f'link {self.name}')
         try:
             self._run()
         except BaseException as error:
@@ -269,6 +276,10 @@ class ThreadLink(Link):
             reconnect_period=self._reconnect_period,
             tap=Tap(self._tap) if self._tap >= 0 else None,
         )
+
+    def as_of(self, now: float) -> float:
+        """Return what Session.as_of does. For the owner's ``pace``."""
+        return self.wire.as_of(now)
 
     def stop(self) -> None:
         """End the wire, farewell included; may be called twice. Raises nothing."""

@@ -45,7 +45,7 @@ class Opener(Generic[FrameT]):
                 self.port = None
             yield port, error
 
-    def end(self) -> None:
+    def abandon(self) -> None:
         """Have ports closed that nobody asks for any more."""
         self._ended = True
 
@@ -59,7 +59,7 @@ class Opener(Generic[FrameT]):
         try:
             port.open()
         except TransportError as failure:
-            error = str(failure)
+            error = failure.reason
         except Exception:  # whatever a driver throws is a port that did not open
             error = f'cannot open {port.name}: {traceback.format_exc()}'
         self._opened.append((port, error))

@@ -31,6 +31,7 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Orders, Stage, Supervisor, Times
 from bridge_core.transports.child import Child
+from bridge_core.transports.forked import TEMPLATE, Template
 from bridge_core.transports.link import ANSWER_TIME, Link
 from bridge_core.transports.request import Activate, Request
 from bridge_core.transports.wire_process import ENDING, InForce, TURN
@@ -68,6 +69,8 @@ class ProcessLink(Link):
         self._ended = False
         # What this process becomes later, it becomes for another node in it.
         self._begins_ordinary = os.sched_getscheduler(0) == os.SCHED_OTHER
+        self._template: Template | None = None
+        self._coming: Child | None = None  # the next spare, which may not be there yet
         self._pace_at = self._report_at = 0.0
         self._last_end = 'none'
 
@@ -133,12 +136,13 @@ class ProcessLink(Link):
     def _run(self) -> None:
         # A process inherits that, and may not be ended before it can ignore them: see load().
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-        try:
-            while not self._ended:
-                if not self._guarded_step():
-                    time.sleep(FAULT_PAUSE)
-        finally:
-            self._leave()
+        with TEMPLATE.used() as self._template:
+            try:
+                while not self._ended:
+                    if not self._guarded_step():
+                        time.sleep(FAULT_PAUSE)
+            finally:
+                self._leave()
 
     def _guarded_step(self) -> bool:
         """Take one; tell whether it went well."""
@@ -161,7 +165,7 @@ class ProcessLink(Link):
 
     def _wait_and_step(self) -> None:
         now = clock.now()
-        if now >= self._state.start_due():
+        if self._coming is not None or now >= self._state.start_due():
             self._start(now)
         if self._wire is None and self._spare is not None:
             self._give_turn(self._spare)
@@ -190,7 +194,7 @@ class ProcessLink(Link):
             moments += [self._report_at, self._state.kill_at()]
         else:
             moments.append(self._hangs_at())
-        ends = [each.socket.fileno() for each in (self._wire, self._spare) if each]
+        ends = [each.fileno() for each in (self._wire, self._spare, self._coming) if each]
         timeout = max(0.0005, min(moments) - now)
         if self._wake_fd in ready([self._wake_fd, *ends], timeout):
             os.eventfd_read(self._wake_fd)
@@ -273,8 +277,7 @@ class ProcessLink(Link):
 
     def _on_report(self, report: Report, now: float) -> None:
         values = {**report.link.values, **self._processes()}
-        link = Status(report.link.level, report.link.message, values)
-        self._owner.on_report(Report(link, report.device), now)
+        self._owner.on_report(Report(report.link._replace(values=values), report.device), now)
 
     def _on_refused(self, number: int, key: str, text: str) -> None:
         self._owner.on_refused(number, key, text)
@@ -286,7 +289,7 @@ class ProcessLink(Link):
 
     def _on_done(self, number: int, error: str) -> None:
         with self._lock:
-            ended = self._orders.end(number, error)
+            ended = self._orders.ended(number, error)
             self._keep()
         for each, failure in ended.items():
             self._done(each, failure)
@@ -306,27 +309,55 @@ class ProcessLink(Link):
     # -- the processes ----------------------------------------------------------------------------
 
     def _start(self, now: float) -> None:
-        self._state.trying(now)
         try:
-            self._spare = self._new_process()
+            spare = self._next_process()
         except OSError as error:
+            self._state.trying(now)
             if self._wire is None:
                 self._be_in_trouble(f'no process can be started: {error}', now)
             return
+        if spare is None:
+            self._state.not_yet(now)
+            return
+        self._state.trying(now)
+        self._spare = spare
         self._state.started(now)
 
-    def _new_process(self) -> Child:
-        priority = self._rt_priority or -self._begins_ordinary
+    def _next_process(self) -> Child | None:
+        """Return the next process; None: it does not load or fork yet, which is worth a wait."""
+        template = self._template
+        of = _PROGRAM, self._bridge.module, -self._begins_ordinary
+        if self._coming is None and template is not None and template.loads(*of):
+            if self._wire is not None or not self._state.turns:
+                return None
+            template = None  # the device may be moving, and nobody else would say the farewell
+        coming, self._coming = self._coming or self._new_process(template), None
+        try:
+            if not coming.is_known():
+                self._coming = coming
+                return None
+        except TimeoutError:
+            coming.drop()
+            assert template is not None
+            template.end()
+            coming = self._new_process(None)
+            coming.is_known()
+        except OSError:
+            coming.drop()
+            raise
+        return coming
+
+    def _new_process(self, template: Template | None) -> Child:
         before = -1 if self._wire is None else self._wire.pidfd()
-        kept = self._in_force.fileno()
-        given = [self._reconnect_period, priority, self._tap, kept, before]
         try:
             return Child.start(
                 f'{self.name}: wire {self.device}',
                 _PROGRAM,
                 self._bridge.module,
-                [*map(str, given)],
-                [kept, *(n for n in (self._tap, before) if n >= 0)],
+                self._rt_priority or -self._begins_ordinary,
+                self._reconnect_period,
+                [self._tap, self._in_force.fileno(), before],
+                template,
             )
         finally:
             if before >= 0:
@@ -378,6 +409,8 @@ class ProcessLink(Link):
             self._orders.forget()
         if self._spare is not None:
             self._spare.end(0.0)
+        if self._coming is not None:
+            self._coming.drop()
 
     def _leave_safe(self, wire: Child) -> None:
         """

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from bridge_core.actuator import ActuatorSession
 from bridge_core.session import Session
 
 if TYPE_CHECKING:
@@ -25,10 +26,15 @@ INPUT_LIMIT = 0.03  # s, from the middleware to the wire, of what must be fresh 
 
 
 class Call(NamedTuple):
-    """A call of a session's method, with all its arguments but ``now``, which comes last."""
+    """
+    A call of a session's method, with all its arguments but ``now``, which comes last.
+
+    :param stamp: of a command that the mux vouches for, ns; None: of none.
+    """
 
     name: str
     arguments: tuple[Any, ...] = ()
+    stamp: int | None = None
 
     @classmethod
     def of(
@@ -41,6 +47,8 @@ class Call(NamedTuple):
 
     def on(self, session: Session[Any, Any, Any], now: float) -> None:
         """Do it. :raises ValueError: the session refuses."""
+        if self.stamp is not None and isinstance(session, ActuatorSession):
+            session.hear_stamp(self.stamp, now)
         getattr(session, self.name)(*self.arguments, now)
 
 

@@ -23,21 +23,26 @@ from urllib.parse import urlsplit
 import serial
 
 from bridge_core import clock
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.transports import exclusive, TransportError
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 from bridge_core.transports.serial_identity import identity_of
 from bridge_core.waiting import writable
 
 _HINTS = {
-    errno.ENOENT: 'no such port; plug the device in, or set the parameter port',
-    errno.EISDIR: 'a folder; set the parameter port',
-    errno.ENOTTY: 'no serial port; set the parameter port',
-    errno.EACCES: 'no permission; add your user to the group dialout and log in again',
-    errno.EAGAIN: 'in use by another program; close that one',
-    errno.EBUSY: 'in use by another program; close that one',
-    errno.EIO: 'the device does not answer; is it plugged in?',
-    errno.ENXIO: 'the device does not answer; is it plugged in?',
-    errno.ENODEV: 'the device does not answer; is it plugged in?',
+    errno.ENOENT: Coded(
+        'port.missing', 'no such port; plug the device in, or set the parameter port'
+    ),
+    errno.EISDIR: Coded('port.wrong', 'a folder; set the parameter port'),
+    errno.ENOTTY: Coded('port.wrong', 'no serial port; set the parameter port'),
+    errno.EACCES: Coded(
+        'port.no_permission', 'no permission; add your user to the group dialout and log in again'
+    ),
+    errno.EAGAIN: Coded('port.in_use', 'in use by another program; close that one'),
+    errno.EBUSY: Coded('port.in_use', 'in use by another program; close that one'),
+    errno.EIO: Coded('port.dead', 'the device does not answer; is it plugged in?'),
+    errno.ENXIO: Coded('port.dead', 'the device does not answer; is it plugged in?'),
+    errno.ENODEV: Coded('port.dead', 'the device does not answer; is it plugged in?'),
 }
 _FINISH_TIMEOUT = 0.05  # s
 
@@ -195,7 +200,7 @@ def _explain_open(name: str, error: Exception) -> str:
     hint = next((_HINTS[each] for each in numbers if each in _HINTS), str(error))
     if 'Could not exclusively lock' in str(error):
         hint = _HINTS[errno.EBUSY]
-    return f'cannot open {name}: {hint}'
+    return passed_on(hint, f'cannot open {name}: {hint}', 'port.closed')
 
 
 def _set_low_latency(port: Any) -> bool:

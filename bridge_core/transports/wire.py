@@ -32,6 +32,7 @@ from bridge_core.waiting import FAULT_PAUSE, ready
 
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
+_SOON = 0.001  # s; a session that is due so soon is waited for, and what comes is read with it
 _OPEN_TIME = 0.25  # s that the farewell waits for a port that is being opened
 _LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
@@ -77,7 +78,7 @@ class Wire(Generic[FrameT]):
             if not self._guarded(self._wait_and_step):
                 time.sleep(FAULT_PAUSE)
         self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
-        self._opener.end()
+        self._opener.abandon()
         self._take_opened(clock.now())  # what came between the two
         self._opener.close()
         if self._tap is not None:
@@ -142,12 +143,20 @@ class Wire(Generic[FrameT]):
         """
         deadline = min(self._pace_at, self._open_at, self._reporter.look_at)
         descriptors = [self._requests.fileno(), self._opener.fileno()]
-        due = math.inf
+        due, waits = math.inf, False
         if self._active is not None and self.status.is_open:
             due = self._active.due()
-            descriptors.append(self._port())
+            waits = self._active.waits(due)
+            if not waits:
+                descriptors.append(self._port())
         timeout = min(max(min(deadline, due) - clock.now(), 0.0), _LONGEST_WAIT)
-        found = ready(descriptors, timeout)
+        if timeout == 0.0 or due > deadline or timeout > _SOON:
+            found = ready(descriptors, timeout)
+        else:
+            time.sleep(timeout)
+            found = ready(descriptors, 0.0)
+        if waits and clock.now() >= due:
+            found.append(self._port())
         if self._opener.fileno() in found:
             self._opener.heard()
         return self._stepped_at + timeout, due, found
@@ -170,6 +179,12 @@ class Wire(Generic[FrameT]):
             ended = last.closed(now)  # says again what it said as the port went
         if not told:  # it has stopped before, and it may be just that which was lost
             self._owner.on_events([StopChanged(verdict), *ended], now)
+
+    def as_of(self, now: float) -> float:
+        """Return what Session.as_of does; -inf while no port is open. For the owner's ``pace``."""
+        if self._active is None or not self.status.is_open:
+            return -math.inf
+        return self._active.session.as_of(now)
 
     def _report(self, now: float) -> None:
         if self._active is None:

@@ -30,8 +30,10 @@ from bridge_core.transports.wire import Wire
 from bridge_core.waiting import ready
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)  # ask a process to end
-_BEAT_PERIOD = 0.025  # s, between two signs of life
-TURN = b'turn'  # the first message to a wire
+_BEAT_PERIOD = 0.03  # s, between two signs of life
+_BEAT_EARLY = 0.001  # s, if the wire is awake anyway
+# The first messages to a process: that the node knows it, and that it is to run the wire.
+KNOWN, TURN = b'known', b'turn'
 _LARGEST = 1 << 20  # bytes of a message
 _READS = 64  # requests, before the port gets its turn again
 _WIRE_TIME = 3.0  # s that a wire may take for its farewell; a port may take 2 s to open for it
@@ -64,6 +66,8 @@ class Node:
         self.wire: Wire[Any]
         self._told_at = 0.0
         self._lost = self._ended = False
+        self.has_asked = False  # anything of the wire
+        self.knows = False  # of this process: its end is the end of the node, and no failed start
 
     def fileno(self) -> int:
         """Return what becomes readable when there are requests, or there will be none."""
@@ -72,12 +76,16 @@ class Node:
     def wait_for_turn(self) -> bool:
         """Say that this is ready; tell whether its turn has come, and not the end."""
         self._tell('beat')
-        _show('spare wire')
         ready([self.fileno()], None)
-        if receive(self._socket) != TURN:
-            return False
-        _show('wire')
-        return True
+        word = receive(self._socket)
+        if word == KNOWN:
+            self.knows = True
+            show('spare wire')
+            ready([self.fileno()], None)
+            word = receive(self._socket)
+        if word == TURN:
+            show('wire')
+        return word == TURN
 
     def take(self) -> list[Request]:
         """Return the requests that have come. :raises EOFError: the node is gone."""
@@ -91,6 +99,7 @@ class Node:
             if not data:
                 self._ended = True
                 break
+            self.has_asked = True
             requests.append(Request(*pickle.loads(data)))
         if self._ended and not requests:
             raise EOFError
@@ -119,7 +128,7 @@ class Node:
 
     def pace(self, now: float) -> float:
         """Give a sign of life where nothing else was said; return when to be called next."""
-        due = self._lost or now >= self._told_at + _BEAT_PERIOD
+        due = self._lost or now >= self._told_at + _BEAT_PERIOD - _BEAT_EARLY
         if due and self._tell('beat') and self._lost:
             # There is room again. What could not be told may have been a stop.
             self._lost = False
@@ -206,7 +215,7 @@ class _Rest:
     def done(self, number: int, error: str) -> None: ...
 
 
-def _show(name: str) -> None:
+def show(name: str) -> None:
     """Have ``ps -o comm`` and ``top`` show this, of 15 characters at most (proc(5), comm)."""
     with contextlib.suppress(OSError), open('/proc/self/comm', 'w', encoding='ascii') as comm:
         comm.write(name)
@@ -246,7 +255,8 @@ def run(
     :param before: the process of the wire that this is the spare of, as a pidfd; -1: none.
     """
     if not node.wait_for_turn():
-        _end_for(before, in_force, node, bridge)
+        if node.knows:
+            _end_for(before, in_force, node, bridge)
     else:
         for refusal in refusals:
             node.on_refused(0, 'rt_priority', refusal)
@@ -258,7 +268,9 @@ def run(
             tap=Tap(tap) if tap >= 0 else None,
         )
         node.wire.run()
-        if node.wire.left_safe:
+        if not node.has_asked:  # its node died between the turn and the orders
+            _end_for(before, in_force, node, bridge)
+        elif node.wire.left_safe:
             in_force.clear()
     os._exit(0)  # a thread may be at work in a driver that does not return
 

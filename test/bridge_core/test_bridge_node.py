@@ -9,11 +9,10 @@ What holds on either link is tested on both: the fixture ``link``.
 
 from collections.abc import Callable, Iterator
 import contextlib
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 import random
-from signal import SIGCONT, SIGINT, SIGSTOP, SIGTERM
+from signal import SIGINT, SIGTERM
 import socket
 import threading
 import time
@@ -25,20 +24,18 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
-from bridge_core.session import Level, StopChanged, Verdict
+from bridge_core.cdr import bool_message
+from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import TransportError
 from stage.endings import each_ending
-from stage.rig import as_yaml, latched, NodeProcess, Observer, Pty, Record, wait_for
+from stage.rig import latched, NodeProcess, Observer, Pty, Record, wait_for
 from stage.run_delay import RunDelay
 from stage.talkers import Diagnostics, namespace
 from stage.toy_bridge import make_toy, toy_process, ToyBridge
 from stage.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value
-from stage.toy_wire import Session
 
 pytestmark = pytest.mark.waits(60)
 toy = partial(toy_process, patient=True)  # unless it is about its limits
@@ -162,25 +159,6 @@ def test_deactivation_says_stop_and_farewell(
         wait_value(observer, estop, False)
 
 
-def test_frozen_node_does_not_believe_what_piled_up(device: ToyDevice, observer: Observer) -> None:
-    first = []
-    with healthy(device) as (node, estop):
-        for _ in range(4):
-            device.talking = True
-            wait_value(observer, estop, False)
-            node.signal(SIGSTOP)
-            observer.holds_for(lambda: True, 0.6)  # which the frozen process misses
-            device.talking = False
-            observer.spin(0.1)
-            estop.clear()
-            node.signal(SIGCONT)
-            observer.wait_for(lambda: estop.data, 5.0, 'the first message after the freeze')
-            first.append(estop.data[0])
-            wait_value(observer, estop, True)
-    # A freeze during a publish, which is rare, ends with that publish.
-    assert first.count(True) >= 3
-
-
 # A node in this process.
 
 
@@ -280,12 +258,12 @@ def test_stop_of_another_thread_stands_though_the_repeat_before_it_is_held_up(
     told: list[bool] = []
     others: list[threading.Thread] = []
 
-    def publish(message: Bool) -> None:
+    def publish(message: Any) -> None:
         if not others:  # the repeat
             others.append(threading.Thread(target=alone.leave))
             others[0].start()
             others[0].join(0.2)  # or it waits for us
-        told.append(message.data)
+        told.append(message == bool_message(True))
 
     monkeypatch.setattr(alone._stops, '_estop', SimpleNamespace(publish=publish))
     alone.pace(100.0)
@@ -316,66 +294,6 @@ def test_node_whose_link_ends_by_a_fault_ends_its_process(
     monkeypatch.setattr(node, 'pace', leave)
     assert isinstance(node.lane.fault.exception(20.0), SystemExit)
     node.destroy_node()
-
-
-def test_stop_that_comes_and_goes_in_one_read_is_published(
-    context: Context, pty: Pty, observer: Observer, link: str
-) -> None:
-    node = make_toy(context, link, port=str(pty.path))
-    try:
-        stops = observer.record(Bool, ESTOP, 10)
-        observer.wait_for(lambda: stops.messages, 10.0, 'a match')
-        node.autostart()
-
-        def is_healthy() -> bool:
-            pty.write(b'k')
-            return not stops.messages[-1].data
-
-        observer.wait_for(is_healthy, 10.0, 'no stop')
-        for _ in range(20):
-            stops.clear()
-            pty.write(b'ksk')
-            observer.wait_for(lambda: True in stops.data, 2.0, 'the stop')
-            observer.wait_for(is_healthy, 2.0, 'its end')
-    finally:
-        node.shut_down()
-        node.destroy_node()
-
-
-def test_deactivation_does_not_pull_the_session_away_under_the_link_thread(
-    context: Context, pty: Pty
-) -> None:
-    texts: list[str] = []
-
-    class SlowSession(Session):
-        def problems(self, now: float) -> list[tuple[Level, str]]:
-            threading.Event().wait(0.01)  # long enough for the other thread to go on
-            return super().problems(now)
-
-    class Slow(ToyBridge):
-        BRIDGE = replace(
-            ToyBridge.BRIDGE, make_session=lambda values: SlowSession(values['link_timeout'])
-        )
-
-        def link_changed(self, text: str, ok: bool) -> None:
-            texts.append(text)
-
-    def healthy() -> bool:
-        pty.write(b'k')
-        pty.read()
-        return node.verdict == Verdict()
-
-    overrides = [Parameter('estop_rate', value=200), Parameter('port', value=str(pty.path))]
-    node = Slow(context=context, parameter_overrides=overrides)
-    node.trigger_configure()
-    for _ in range(20):
-        node.trigger_activate()
-        wait_for(healthy, 5.0, 'no stop')
-        node.trigger_deactivate()
-        assert node.verdict.estop
-    node.shut_down()
-    node.destroy_node()
-    assert not [text for text in texts if 'internal error' in text]
 
 
 # Signals.
@@ -497,27 +415,6 @@ raise SystemExit(run([partial(BadNode, 'left'), partial(ToyBridge, 'right')]))
 ACTIVATE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
 
 
-def test_fault_in_a_transition_is_answered_and_ends_the_executor(
-    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
-) -> None:
-    node = make_toy(context, link, port='/dev/nothing')
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        node.trigger_configure()
-        monkeypatch.setattr(node, 'carried_over', dict[str, Any]().__getitem__)
-        answer = node._service_change_state.callback(ACTIVATE, ChangeState.Response())
-        assert not answer.success
-        assert node.verdict.estop
-        assert not node.active
-        with pytest.raises(TypeError, match='unhashable'):
-            executor.spin_once(10.0)
-    finally:
-        executor.shutdown()
-        node.shut_down()
-        node.destroy_node()
-
-
 def test_fault_at_autostart_is_not_put_down_to_the_parameters(pty: Pty) -> None:
     with NodeProcess('', {'port': str(pty.path)}, source=BAD_TRANSITION) as node:
         assert node.wait() == 1, node.output
@@ -604,57 +501,7 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         assert values['reconnects'] == '1'
 
 
-def test_log_is_not_flooded_by_an_absent_port(
-    tmp_path: Path, observer: Observer, link: str
-) -> None:
-    with toy(tmp_path / 'nothing', link, reconnect_period=0.1) as node:
-        estop = observer.record(Bool, ESTOP, latched())
-        wait_value(observer, estop, True)
-        observer.wait_for(lambda: len(estop.messages) > 40, 10.0, 'two seconds of stops')
-        assert len(node.output.splitlines()) < 6, node.output
-
-
 # Several of them.
-
-
-def test_two_nodes_in_one_process_do_not_share_anything(
-    tmp_path: Path, observer: Observer, link: str
-) -> None:
-    left, right = Pty(tmp_path / 'left'), Pty(tmp_path / 'right')
-    source = f'import stage.patience; from stage.toy_bridge import main_two; main_two({link!r})'
-    arguments = [
-        part
-        for name, pty in (('left', left), ('right', right))
-        for part in ('-p', f'{name}:port:={as_yaml(str(pty.path))}')
-    ]
-    arguments += ['-p', f'right:link_timeout:={OUTLASTS_GAPS}']
-    devices = [ToyDevice(left, observer), ToyDevice(right, observer)]
-    with NodeProcess('', source=source, arguments=arguments) as node:
-        estops = [observer.record(Bool, f'/{name}/estop', latched()) for name in ('left', 'right')]
-        for estop in estops:
-            wait_value(observer, estop, False)
-        devices[0].talking = False
-        wait_value(observer, estops[0], True)
-        wait_repeats(observer, estops[1], False, 10)
-        left.unplug()
-        wait_repeats(observer, estops[1], False, 10)
-        assert node.end(SIGINT) == 0
-        right.wait_received(b'BYE')
-        for estop in estops:
-            assert estop.data[-1] is True or wait_value(observer, estop, True)
-    right.unplug()
-
-
-def test_namespace_and_name_make_all_topics(pty: Pty, observer: Observer) -> None:
-    device = ToyDevice(pty, observer)
-    diagnostics = observer.record(DiagnosticArray, '/diagnostics')
-    with NodeProcess(
-        'stage.toy_bridge', {'port': str(device.pty.path)}, name='arm', namespace='/left'
-    ) as node:
-        wait_value(observer, observer.record(Bool, '/left/arm/estop', latched()), False)
-        observer.wait_for(lambda: diagnostics.messages, 5.0, 'diagnostics')
-        assert set(statuses(diagnostics)[-1]) == {'left/arm: link', 'left/arm: device'}
-        assert node.end() == 0
 
 
 # The exit status for what is not a parameter's fault.

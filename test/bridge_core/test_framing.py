@@ -185,40 +185,50 @@ def test_gap_that_the_line_makes_loses_no_frame() -> None:
     assert parser.feed(frame[-1:], 1.0 + 2.9 * EXPIRE) == [frame]
 
 
-def test_corrupt_length_hides_later_frames_only_until_expiry() -> None:
-    # The head claims 46 bytes; 18 bytes of good frames follow, and then the line is quiet.
-    good = [long_frame(b'abc'), long_frame(b'def')]
+CLAIM = LONG.header + b'\x01\x28'  # a corrupt length: the head of 46 bytes
+WHOLE = long_frame(b'0123456789')
+TEN = [long_frame(bytes([number] * 5)) for number in range(10)]
+TRICKLE: list[tuple[bytes, float, list[bytes]]] = [
+    (LONG_FRAMES[3][n : n + 1], 1.0 + 0.01 * n, []) for n in range(len(LONG_FRAMES[3]))
+]
+# What is received, when, and which frames come of it; b'' is a poll. And what has expired.
+PLAYS: dict[str, tuple[list[tuple[bytes, float, list[bytes]]], int]] = {
+    'corrupt length before good frames': ([(CLAIM + WHOLE, 1.0, []), (b'', 1.05, [WHOLE])], 1),
+    'corrupt length on a busy line': ([(CLAIM + b''.join(TEN), 1.0, TEN)], 0),
+    'claims within claims': ([(CLAIM * 3 + WHOLE, 1.0, []), (b'', 1.05, [WHOLE])], 3),
+    'new partial frame has its full time': (
+        [(WHOLE[:5], 1.0, []), (WHOLE[5:] + WHOLE[:5], 1.04, [WHOLE]), (WHOLE[5:], 1.08, [WHOLE])],
+        0,
+    ),
+    'partial frame behind an expired one has its time': (
+        [(CLAIM, 1.0, []), (WHOLE[:5], 1.04, []), (b'', 1.05, []), (WHOLE[5:], 1.06, [WHOLE])],
+        1,
+    ),
+    'on time only the damaged frame is lost': (
+        [(CLAIM + WHOLE, 1.0, []), (b'', 1.06, [WHOLE])],
+        1,
+    ),
+    'frozen process gets nothing old by a poll': (
+        [(CLAIM + WHOLE, 2.0, []), (b'', 5.0, []), (WHOLE, 5.1, [WHOLE])],
+        1,
+    ),
+    'frozen process gets nothing old by a read': (
+        [(CLAIM + WHOLE, 6.0, []), (WHOLE, 9.0, [WHOLE])],
+        1,
+    ),
+    'clock that runs backwards': ([(WHOLE[:7], 100.0, []), (WHOLE[7:], 1.0, [WHOLE])], 0),
+    'trickle': (TRICKLE, 1),
+}
+
+
+@pytest.mark.parametrize('name', PLAYS)
+def test_partial_frame_expires_in_its_time_and_hides_nothing_for_longer(name: str) -> None:
+    reads, expired = PLAYS[name]
     parser = StreamParser(LONG, expire=EXPIRE)
-    assert parser.feed(LONG.header + b'\x01\x28' + b''.join(good), 1.0) == []
-    assert parser.poll(1.0 + EXPIRE) == good
-    assert parser.counters.expired == 1
-    assert parser.counters.discarded_bytes == 4
-
-
-def test_corrupt_length_on_a_busy_line_keeps_all_frames() -> None:
-    frames = [long_frame(bytes([number] * 5)) for number in range(50)]
-    parser = StreamParser(LONG)
-    got = parse(parser, [LONG.header + b'\x01\x28', *frames])
-    assert got + drain(parser) == frames
-
-
-def test_claims_within_claims_all_expire() -> None:
-    good = long_frame(b'ok')
-    claims = (LONG.header + b'\x01\x28') * 3
-    parser = StreamParser(LONG, expire=EXPIRE)
-    parser.feed(claims + good, 1.0)
-    assert drain(parser) == [good]
+    for data, now, frames in reads:
+        assert (parser.feed(data, now) if data else parser.poll(now)) == frames, now
+    assert parser.counters.expired == expired
     assert parser.deadline == math.inf
-    assert parser.counters.discarded_bytes == len(claims)
-
-
-def test_new_partial_frame_gets_its_full_time() -> None:
-    frame = long_frame(b'0123456789')
-    parser = StreamParser(LONG, expire=EXPIRE)
-    parser.feed(frame[:5], 1.0)
-    assert parser.feed(frame[5:] + frame[:5], 1.04) == [frame]
-    assert parser.deadline == 1.04 + EXPIRE
-    assert parser.feed(frame[5:], 1.08) == [frame]
 
 
 @pytest.mark.parametrize(('baud', 'expire'), [(1200, 2 * 46 * 10 / 1200), (115200, EXPIRE)])
@@ -230,51 +240,6 @@ def test_frame_on_a_slow_line_gets_twice_the_time_of_the_largest(baud: int, expi
         now += 10 / baud
     assert (got, parser.counters.expired) == ([LONG_FRAMES[3]], 0)
     assert parser.deadline == pytest.approx(now - 3 * 10 / baud + expire)
-
-
-def test_partial_frame_behind_an_expired_one_gets_its_time() -> None:
-    good = long_frame(b'0123456789')
-    parser = StreamParser(LONG, expire=EXPIRE)
-    parser.feed(LONG.header + b'\x01\x28', 1.0)
-    parser.feed(good[:5], 1.04)
-    assert parser.poll(1.05) == []
-    assert parser.deadline == 1.04 + EXPIRE  # its first bytes came then
-    assert parser.feed(good[5:], 1.06) == [good]
-
-
-def test_frozen_process_gets_nothing_old_out_of_an_expired_buffer() -> None:
-    good = long_frame(b'0123456789')
-    claim = LONG.header + b'\x01\x28'  # a corrupt length behind which the good frame waits
-    parser = StreamParser(LONG, expire=EXPIRE)
-    assert parser.feed(claim + good, 1.0) == []
-    assert parser.poll(1.06) == [good]  # on time: only the damaged frame is lost
-    assert parser.feed(claim + good, 2.0) == []
-    assert parser.poll(5.0) == []
-    assert parser.feed(good, 5.1) == [good]
-    assert parser.feed(claim + good, 6.0) == []
-    assert parser.feed(good, 9.0) == [good]  # and the old one not
-
-
-def test_nested_false_headers_do_not_add_their_times() -> None:
-    good = long_frame(b'0123456789')
-    claim = LONG.header + b'\x01\x28'
-    parser = StreamParser(LONG, expire=EXPIRE)
-    assert parser.feed(claim * 3 + good, 1.0) == []
-    assert parser.poll(1.0 + EXPIRE) == [good]
-    assert parser.deadline == math.inf
-
-
-def test_trickle_cannot_keep_a_partial_frame_alive() -> None:
-    parser = StreamParser(LONG, expire=EXPIRE)
-    frame = LONG_FRAMES[3]
-    got = [
-        frame
-        for number, piece in enumerate(single_bytes(frame))
-        for frame in parser.feed(piece, 1.0 + 0.01 * number)
-    ]
-    assert got == []
-    assert parser.counters.expired == 1
-    assert parser.deadline == math.inf
 
 
 def test_impossible_head_is_not_waited_for() -> None:
@@ -298,17 +263,6 @@ def test_size_beyond_the_format_is_malformed_and_never_waited_for(size: int) -> 
     assert parser.deadline == math.inf
 
 
-def test_reset_discards_the_partial_frame_and_counts_it() -> None:
-    parser = StreamParser(LONG)
-    frame = long_frame(b'abcdef')
-    parser.feed(frame[:7], 1.0)
-    parser.reset()
-    assert parser.deadline == math.inf
-    assert parser.feed(frame[7:], 1.0) == []
-    assert parser.feed(frame, 1.0) == [frame]
-    assert pending(parser, [frame]) == 0
-
-
 def test_nothing_fed_changes_nothing() -> None:
     parser = StreamParser(LONG)
     assert parser.feed(b'', 1.0) == []
@@ -317,13 +271,6 @@ def test_nothing_fed_changes_nothing() -> None:
     parser.feed(LONG.header, 101.0)
     parser.feed(b'', 101.01)
     assert parser.deadline == 101.0 + 0.05
-
-
-def test_clock_that_runs_backwards_loses_nothing() -> None:
-    parser = StreamParser(LONG)
-    frame = long_frame(b'abcdef')
-    parser.feed(frame[:7], 100.0)
-    assert parser.feed(frame[7:], 1.0) == [frame]
 
 
 # A format that counts what it is asked, to bound work without a clock.
@@ -376,16 +323,6 @@ def test_flood_of_a_megabyte_takes_bounded_work_and_memory(name: str) -> None:
     frames += drain(parser)
     assert parser.feed(good, 10.0) == [good]
     assert pending(parser, [*frames, good]) == 0
-
-
-def test_flood_in_one_piece_equals_the_flood_in_pieces() -> None:
-    flood = FLOODS['random'] + LONG_FRAMES[3]
-    whole, pieces = StreamParser(LONG), StreamParser(LONG)
-    got = parse(whole, [flood])
-    step = 997
-    assert got == parse(pieces, (flood[i : i + step] for i in range(0, len(flood), step)))
-    assert got[-1] == LONG_FRAMES[3]
-    assert whole.counters == pieces.counters
 
 
 # Properties over streams of good frames, cut frames and noise.

@@ -51,6 +51,7 @@ class Rig:
 
     def hear(self, word: str) -> None:
         gate = self.gate
+        assert word[0].isdigit() or word in SAID + REST, word
         if word[0].isdigit():
             self.now += float(word)
         elif word in ('clear', 'estop'):
@@ -164,7 +165,7 @@ NOT_OPENED_BY = [
     ('neutral', ['clear', 'fault', 'neutral', 'well']),
     ('neutral', ['clear', 'command']),
     ('neutral', ['clear', 'neutral', 'estop', 'clear', 'command']),
-    ('neutral', ['clear', 'neutral', 'unseen estop', 'unseen clear', 'unseen neutral']),
+    ('neutral', ['clear', 'neutral', 'unseen estop', 'unseen clear', 'neutral']),
     ('edge', ['disable', 'clear', 'command', 'enable', 'proceed']),
     ('edge', ['clear', 'command', 'enable', 'proceed']),
     ('edge', ['clear', 'command', 'disable', 'estop', 'clear', 'enable', 'proceed']),
@@ -288,6 +289,19 @@ def test_fresh_inputs_keep_it_open(kind: str) -> None:
         rig.say('unseen 0.05', 'clear', 'enable', 'command')
         assert rig.gate.is_open
     assert rig.told == []
+
+
+def test_enable_that_is_said_without_its_value_is_fresh_and_no_half_of_an_edge() -> None:
+    rig = Rig('edge').say('clear', 'command')
+    for _ in range(10):
+        assert rig.gate.hear_enable(None, rig.now, rig.stops) == ()
+        rig.say('0.1', 'clear', 'command')
+    assert rig.reasons == ['enable is false']
+    assert rig.say('enable').gate.state is State.SHUT
+    rig.say('disable', 'enable', 'proceed')
+    for _ in range(10):
+        assert rig.gate.hear_enable(None, rig.now, rig.stops) == ()
+        assert rig.say('0.1', 'clear', 'command').gate.is_open
 
 
 def test_gate_without_a_command_opens_by_itself_once_nothing_forbids() -> None:

@@ -164,9 +164,9 @@ def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.Monkey
     waiter = rig.lane._waiter
     real, waits = waiter.wait, []
 
-    def wait_counted(*arguments: Any) -> None:
+    def wait_counted(*arguments: Any, **options: Any) -> None:
         waits.append(arguments)
-        real(*arguments)
+        real(*arguments, **options)
 
     monkeypatch.setattr(waiter, 'wait', wait_counted)
     rig.lane.start()
@@ -277,6 +277,19 @@ def test_callback_that_raises_is_reported_and_loses_nothing_else(
 
     wait_for(reported, what='the report')
     assert output.count('Traceback') == 1
+
+
+def test_message_that_nobody_can_read_is_counted_and_loses_nothing_else(rig: Rig) -> None:
+    stops: list[bool] = []
+    rig.lane.subscribe(Bool, 'estop', lambda message, info: stops.append(message.data), 10)
+    publisher = rig.talker.create_publisher(Bool, 'estop', 10)
+    wait_for(lambda: publisher.get_subscription_count(), what='estop')
+    rig.lane.start()
+    for message in (Bool(data=True), b'\0\1\0\0', b'\0\1', Bool(data=True)):
+        publisher.publish(message)
+    wait_for(lambda: len(stops) == 2, what='what came behind them')
+    assert stops == [True, True]
+    assert rig.lane.malformed == 2
 
 
 def test_executor_of_the_node_leaves_the_lane_its_messages(rig: Rig, context: Context) -> None:
@@ -416,6 +429,49 @@ def test_timer_is_called_when_it_is_due_and_once(rig: Rig, time: Any) -> None:
         time.at = at
         rig.lane._call_timers()
     assert rig.heard == [1.0, 2.2, 3.0, 5.0, 6.0]
+
+
+def test_timers_that_are_due_together_come_together_also_behind_a_late_one(
+    rig: Rig, time: Any
+) -> None:
+    rig.lane.every(1.0, lambda now: rig.heard.append(('often', now)))
+    time.at = 0.0005
+    rig.lane.every(2.0, lambda now: rig.heard.append(('seldom', now)))
+    for at in (1.0, 2.0, 2.0005, 3.25, 4.0):
+        time.at = at
+        rig.lane._call_timers()
+    often = [now for name, now in rig.heard if name == 'often']
+    assert often == [1.0, 2.0, 3.25, 4.0]
+    assert [now for name, now in rig.heard if name == 'seldom'] == [2.0, 4.0]
+
+
+def test_timer_has_another_period_while_the_lane_rests(rig: Rig, time: Any) -> None:
+    rig.lane.every(1.0, rig.heard.append, rest=2.0)
+    for at, rests in ((1.0, False), (2.0, True), (3.0, True), (4.0, False), (5.0, False)):
+        time.at, rig.lane.rests = at, rests
+        rig.lane._call_timers()
+    assert rig.heard == [1.0, 2.0, 4.0, 5.0]
+
+
+def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(
+    rig: Rig, way: str
+) -> None:
+    rig.lane.subscribe(Int32, 'sticks', rig.hear, 10, urgent=False)
+    say_sticks, say_stop = rig.publisher('sticks'), rig.listen('stop')
+    rig.lane.rests = True
+    rig.lane.start()
+    say_stop(0)
+    rig.wait_heard(0)  # it waits now, and nothing wakes it that came before
+    say_sticks(1)
+    if way == 'wait set':  # the executor waits for all
+        time_out = clock.now() + 0.3
+        while clock.now() < time_out:
+            assert rig.heard == [0]
+    say_stop(2)
+    rig.wait_heard(0, 1, 2)
+    rig.lane.post(lambda: setattr(rig.lane, 'rests', False))
+    say_sticks(3)
+    rig.wait_heard(0, 1, 2, 3)
 
 
 def test_wait_is_as_long_as_to_the_next_timer(rig: Rig, time: Any) -> None:

@@ -3,7 +3,6 @@
 
 """A wire in a thread: what other threads ask of it, and its end; test_wire.py has the rest."""
 
-from collections.abc import Callable
 import functools
 import os
 import threading
@@ -13,7 +12,7 @@ import pytest
 from bridge_core.transports import link, TransportError
 from bridge_core.transports.link import ANSWER_TIME, ThreadLink
 from bridge_core.transports.request import Call
-from stage.link_rig import Bench, fails, PACE, wait_at
+from stage.link_rig import Bench, PACE, wait_at
 from stage.rig import wait_for
 
 
@@ -47,39 +46,6 @@ def test_input_counts_for_less_time_than_other_requests(bench: Bench) -> None:
     (request,) = link._mailbox.take()
     link.stop()
     assert (request.at, request.limit) == (7.0, 0.03)
-
-
-def test_port_that_is_lost_and_comes_back_while_the_stop_is_paced(bench: Bench) -> None:
-    wait_for(lambda: len(bench.owner.told) >= 5, 2.0, 'paces without a port')
-    bench.run()
-    bench.transport.unplug()
-    wait_for(lambda: 'event closed' in bench.owner.log, 2.0, 'the loss')
-    bench.wait_open()
-    bench.make_healthy()
-    assert bench.status.opens == 2
-
-
-def port_absent(bench: Bench) -> None:
-    fails(bench.transport, 'open', 'no such port')
-    bench.activate()
-
-
-def end_of_file(bench: Bench) -> None:
-    bench.run()
-    bench.transport.gate.clear()
-    bench.transport.unplug()
-
-
-def owner_at_fault(bench: Bench) -> None:
-    bench.owner.faults |= {'pace', 'on_events', 'link_changed'}
-
-
-@pytest.mark.parametrize('happens', [Bench.run, port_absent, end_of_file, owner_at_fault])
-def test_wire_that_has_nothing_to_do_sleeps(
-    bench: Bench, happens: Callable[[Bench], None]
-) -> None:
-    happens(bench)
-    assert bench.steps_within(0.5) < 0.5 / PACE + 30
 
 
 def test_open_that_blocks_stops_neither_pacing_nor_requests_nor_the_end(
@@ -126,19 +92,6 @@ def test_requests_from_many_threads_all_arrive_on_the_link_thread(bench: Bench) 
     assert len({*seen, *(key for _, key, _ in late)}) == 1600
     assert threads == bench.owner.threads
     assert len(threads) == 1
-
-
-def test_newest_request_of_a_storm_is_never_lost(bench: Bench) -> None:
-    bench.run()
-    last = -1
-
-    def note(now: float, number: int) -> None:
-        nonlocal last
-        last = number
-
-    for number in range(5000):
-        bench.do(functools.partial(note, number=number), 'command')
-    wait_for(lambda: last == 4999, 2.0, 'the newest request')
 
 
 def test_request_after_the_end_is_ignored(bench: Bench) -> None:

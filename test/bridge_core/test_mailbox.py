@@ -4,6 +4,7 @@
 """Requests that wait for a wire, and who waits for the end of a command."""
 
 import os
+import re
 import select
 import threading
 from typing import Any
@@ -16,55 +17,34 @@ from bridge_core.transports.request import Activate, Call, Request
 from stage.rig import wait_for
 
 
-def request(number: int, key: str, name: str = 'set', *, stop: bool = False) -> Request:
-    return Request(number, key, Call(name), 0.0, stop=stop)
+def request(number: int, key: str, *, stop: bool = False) -> Request:
+    return Request(number, key, Call('set'), 0.0, stop=stop)
 
 
 def is_readable(mailbox: Mailbox) -> bool:
     return bool(select.select([mailbox], [], [], 0)[0])
 
 
-def take_all(*puts: tuple[str, str, bool], each: bool = False) -> list[str]:
-    """Put requests of (key, name, whether it is a stop); return the names that come out."""
+@pytest.mark.parametrize(
+    ('puts', 'takes'),
+    [
+        # Letters are keys, capital ones of a stop; what has a + replaces nothing.
+        ('aaa', [2]),
+        ('a+a+a+', [0, 1, 2]),
+        ('aa+a+', [0, 1, 2]),
+        ('Ee', [0, 1]),
+        ('eE', [1]),
+        ('EeE', [2]),
+        ('cE', [1, 0]),
+        ('ED+A+E', [1, 2, 3]),  # behind the activation that it was asked after
+    ],
+)
+def test_newest_of_a_key_is_taken_and_stops_first(puts: str, takes: list[int]) -> None:
     mailbox = Mailbox(lambda number, error: None)
-    for number, (key, name, stop) in enumerate(puts):
-        mailbox.put(request(number, key, name, stop=stop), each)
-    names = [taken.what.name for taken in mailbox.take() if isinstance(taken.what, Call)]
+    for number, (key, each) in enumerate(re.findall(r'(\w)(\+?)', puts)):
+        mailbox.put(request(number, key.lower(), stop=key.isupper()), bool(each))
+    assert [taken.number for taken in mailbox.take()] == takes
     assert mailbox.take() == []
-    mailbox.close()
-    return names
-
-
-def test_latest_of_a_key_wins() -> None:
-    assert take_all(*(('a', name, False) for name in 'xyz')) == ['z']
-    assert take_all(*(('a', name, False) for name in 'xyz'), each=True) == ['x', 'y', 'z']
-
-
-def test_stop_is_not_replaced_by_a_release_and_comes_first() -> None:
-    assert take_all(('e', 'stop', True), ('e', 'release', False)) == ['stop', 'release']
-    assert take_all(('e', 'release', False), ('e', 'stop', True)) == ['stop']
-    assert take_all(('e', 'stop', True), ('e', 'release', False), ('e', 'stop again', True)) == [
-        'stop again'
-    ]
-    assert take_all(('c', 'command', False), ('e', 'stop', True)) == ['stop', 'command']
-
-
-def test_stop_that_replaces_one_comes_behind_the_activation_that_it_was_asked_after() -> None:
-    mailbox = Mailbox(lambda number, error: None)
-    mailbox.put(request(1, 'e', 'stop', stop=True), False)
-    for number, name in ((2, 'deactivate'), (3, 'activate')):
-        mailbox.put(request(number, name, name, stop=True), True)
-    mailbox.put(request(4, 'e', 'stop', stop=True), False)
-    assert [each.number for each in mailbox.take()] == [2, 3, 4]
-    mailbox.close()
-
-
-def test_request_that_nothing_replaces_has_no_number_in_common_with_the_newest() -> None:
-    mailbox = Mailbox(lambda number, error: None)
-    mailbox.put(request(0, 'a'), False)
-    for number in (1, 2):
-        mailbox.put(request(number, 'a'), True)
-    assert [each.number for each in mailbox.take()] == [0, 1, 2]
     mailbox.close()
 
 

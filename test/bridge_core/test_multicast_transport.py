@@ -15,7 +15,6 @@ import pytest
 from bridge_core.transports import multicast, TransportError
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.multicasts import GROUP, LOOPBACK
-from stage.link_rig import Bench
 from stage.multicast_rig import free_port, in_network_namespace, run_ip
 from stage.rig import wait_for
 
@@ -308,30 +307,6 @@ def test_without_an_address_the_routing_table_decides() -> None:
         theirs.send(b'routed')
         assert heard(ours) == [b'routed']
         ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
-
-
-@pytest.mark.usefixtures('patient_link')
-def test_link_comes_back_by_itself_when_the_interface_does() -> None:
-    def body() -> None:
-        add_cable()
-        ours, theirs = pair(free_port(), '192.0.2.1')
-        bench = Bench()
-        bench.transport, session = ours, bench.session
-        bench.link.start()
-        bench.activate()
-        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open')
-        run_ip('link', 'delete', 'near')
-        wait_for(lambda: 'closed' in session.calls, 2.0, 'the loss')
-        assert not bench.status.is_open
-        add_cable()
-        wait_for(lambda: bench.status.is_open, 2.0, 'the port to open again')
-        theirs.open()
-        theirs.send(b'back')
-        wait_for(lambda: session.received == b'back', 2.0, 'a datagram')
-        bench.link.stop()
         theirs.close()
 
     in_network_namespace(body)

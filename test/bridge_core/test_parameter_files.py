@@ -283,15 +283,6 @@ def test_what_stands_twice_in_a_file_is_refused(text: str, why: str, file: Path)
             read()
 
 
-def test_node_does_not_lose_an_estop_source_that_is_given_twice(file: Path, capfd: Any) -> None:
-    file.write_text(
-        '/**/safety_mux:\n  ros__parameters:\n'
-        '    estop_sources: [fort, drive]\n    estop_sources: [fort]\n'
-    )
-    line = refused(capfd, '--params-file', str(file))
-    assert line == f"rugged_teleop: parameter file {file}: line 4: 'estop_sources' {_TWICE}"
-
-
 @pytest.mark.parametrize(
     ('rule', 'why'),
     [

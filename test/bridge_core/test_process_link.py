@@ -31,7 +31,6 @@ from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Call
 from stage import gated_wire
 from stage.endings import each_ending, first_of
-from stage.link_rig import FakeOwner
 from stage.rig import as_yaml, holds_for, latched, NodeProcess, Observer, Pty, wait_for
 from stage.run_delay import RunDelay, WIRE_HELD_UP
 from stage.toy_bridge import make_toy
@@ -44,6 +43,7 @@ from stage.toy_links import (
     running,
     Toy,
     wait_stop_since,
+    WITHOUT_TEMPLATE,
 )
 from stage.toy_rig import (
     command_of,
@@ -51,11 +51,9 @@ from stage.toy_rig import (
     OUTLASTS_GAPS,
     spares_of,
     ToyDevice,
-    wait_repeats,
     wait_value,
     wires_of,
 )
-from stage.toy_wire import BRIDGE
 
 pytestmark = pytest.mark.waits(80)
 
@@ -96,17 +94,6 @@ def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> 
 
 
 @each_ending
-def test_node_that_is_ended_says_farewell_once(toy: Toy, number: int) -> None:
-    wire = toy.wire()
-    toy.node.signal(number)
-    toy.wait_gone(toy.pid, wire)
-    assert toy.node.wait() == 0
-    toy.pty.wait_received(b'BYE')
-    assert toy.pty.received.endswith(b'BYE')
-    assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()  # then its spare says it, too
-
-
-@each_ending
 def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
     wire, count = toy.wire(), toy.keep_alives()
     os.kill(wire, number)
@@ -115,15 +102,6 @@ def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
 
 
 # The node hangs.
-
-
-def test_wire_of_a_stopped_node_goes_on_and_so_does_the_node_later(toy: Toy) -> None:
-    wire, count = toy.wire(), toy.keep_alives()
-    toy.node.signal(SIGSTOP)
-    toy.wait(lambda: toy.keep_alives() > count + 20, 'keep-alives')
-    toy.node.signal(SIGCONT)
-    toy.wait_stop(False)
-    assert toy.wire() == wire or toy.held_up()
 
 
 def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
@@ -258,55 +236,6 @@ def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
 # Lifecycle, and what is left.
 
 
-def test_lifecycle_over_a_process(toy: Toy) -> None:
-    wire = toy.wire()
-    for _ in range(3):
-        toy.pty.clear()
-        assert toy.observer.change_state('/toy_bridge', 'deactivate')
-        toy.pty.wait_received(b'BYE')
-        toy.wait_stop(True)  # and what was said before it has been read
-        wait_repeats(toy.observer, toy.estop, True)
-        assert toy.observer.change_state('/toy_bridge', 'cleanup')
-        assert toy.observer.change_state('/toy_bridge', 'configure')
-        wait_repeats(toy.observer, toy.estop, True)
-        assert toy.pty.received.count(b'BYE') == 1
-        assert toy.observer.change_state('/toy_bridge', 'activate')
-        toy.wait_stop(False)
-    assert toy.wire() == wire or toy.held_up()
-
-
-def test_wire_that_is_replaced_while_inactive_opens_no_port(toy: Toy) -> None:
-    assert toy.observer.change_state('/toy_bridge', 'deactivate')
-    toy.pty.wait_received(b'BYE')
-    toy.pty.clear()
-    old = toy.wire()
-    os.kill(old, SIGKILL)
-    toy.wait_new_wire(old)
-    wait_repeats(toy.observer, toy.estop, True, 10)
-    toy.pty.read()
-    assert toy.pty.received == b''
-    assert toy.observer.change_state('/toy_bridge', 'activate')
-    toy.wait_stop(False)
-
-
-def test_many_wires_and_ports_leave_no_descriptors(toy: Toy) -> None:
-    def count() -> int:
-        return len(os.listdir(f'/proc/{toy.pid}/fd'))
-
-    toy.spare()
-    before = count()
-    for _ in range(4):
-        wire = toy.wire()
-        os.kill(wire, SIGKILL)
-        toy.wait_new_wire(wire)
-        toy.wait_stop(False)
-        toy.pty.unplug()
-        toy.wait_stop(True)
-        toy.pty.replug()
-        toy.wait_stop(False)
-    toy.wait(lambda: count() <= before, f'as few as {before} descriptors again')
-
-
 # Neither end waits for the other.
 
 
@@ -341,6 +270,7 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     os.mkfifo(path)
     monkeypatch.setenv('WIRE_GATE', str(path))
     monkeypatch.setattr(process, '_PROGRAM', gated_wire.__name__)
+    monkeypatch.setattr(process, 'TEMPLATE', WITHOUT_TEMPLATE)
     return path
 
 
@@ -369,8 +299,9 @@ def test_wire_that_loads_when_the_node_ends_says_farewell_for_the_one_before(
 ) -> None:
     """Whoever ends the node may signal to the process that loads, too."""
     wire = direct.wire()
-    [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    spare = direct.spare()
     gate = request.getfixturevalue('gate')
+    direct.link._template = None
     for pid in (spare, wire):
         os.kill(pid, SIGKILL)
     [loads] = wait_for(lambda: set(spares_of(os.getpid())) - {spare}, 5.0, 'a process')
@@ -403,20 +334,8 @@ def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(
     node.destroy_node()
 
 
-def test_device_of_a_wire_that_hangs_is_told_the_farewell_of_a_deactivation(
-    direct: Direct,
-) -> None:
-    direct.pty.clear()
-    os.kill(direct.wire(), SIGSTOP)
-    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
-        direct.link.deactivate()
-    direct.pty.wait_received(b'BYE')
-    direct.activate()  # and it was done once: this one stays
-    assert direct.pty.received.count(b'BYE') == 1
-
-
 def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: Direct) -> None:
-    wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+    direct.spare()
     wire = direct.wire()
     direct.pty.clear()
     os.kill(wire, SIGSTOP)
@@ -441,25 +360,6 @@ def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does
     wait_for(lambda: not is_running(wire), 5.0, 'its end')
 
 
-def test_session_behind_a_refused_activation_goes_on_and_can_be_ended(direct: Direct) -> None:
-    values = {'port': str(direct.pty.path), 'link_timeout': 0.25, 'fault': 'no transport'}
-    with pytest.raises(ValueError, match='no such transport'):
-        direct.link.activate(values)
-    os.kill(direct.wire(), SIGKILL)
-    wait_for(lambda: 'lost' in direct.owner.log, 5.0, 'the end of the wire')
-    direct.pty.clear()
-    direct.pty.wait_received(b'h', 5.0)  # of a new one with the activation in force
-    direct.pty.clear()
-    with contextlib.suppress(TransportError):  # a busy machine takes longer than it waits
-        direct.link.deactivate()
-    direct.pty.wait_received(b'BYE', 5.0)
-    with pytest.raises(ValueError, match='no such transport'):
-        direct.link.activate(values)
-    direct.pty.clear()
-    direct.link.deactivate()
-    assert direct.pty.read() == b''
-
-
 def test_thread_that_ends_by_a_fault_says_so_and_takes_its_wire_along(direct: Direct) -> None:
     wire = direct.wire()
 
@@ -470,12 +370,6 @@ def test_thread_that_ends_by_a_fault_says_so_and_takes_its_wire_along(direct: Di
     wait_for(lambda: direct.owner.log[-1:] == ['ended SystemExit()'], 5.0, 'the end')
     direct.pty.wait_received(b'BYE')
     wait_for(lambda: not is_running(wire), 5.0, 'its end')
-
-
-def test_link_that_is_stopped_without_a_start_or_twice(pty: Pty) -> None:
-    link = ProcessLink('direct', BRIDGE, FakeOwner(), device=str(pty.path))
-    link.stop()
-    link.stop()
 
 
 def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
@@ -493,7 +387,7 @@ def test_link_leaves_no_descriptors_and_processes(pty: Pty) -> None:
         directs.append(direct)
         direct.activate()
         wire = direct.wire()
-        [spare] = wait_for(lambda: spares_of(os.getpid()), 5.0, 'a spare')
+        spare = direct.spare()
         direct.link.stop()
         direct.close()
         assert not is_running(wire)

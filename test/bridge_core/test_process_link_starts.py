@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import child, process
+from bridge_core.transports import child, process, started
 from bridge_core.transports.request import Activate, Call
 from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
@@ -101,12 +101,12 @@ def test_process_is_given_its_socket_the_tap_and_nothing_of_the_terminal(
     bench = Bench(monkeypatch, device='/dev/ttyUSB0', reconnect_period=2.5, tap=tap)
     bench.step()
     (child,) = bench.children
-    theirs, kept = child.options['pass_fds'][:2]
+    (theirs, *_, kept) = child.options['pass_fds']
     assert child.words == [
-        *('link: wire /dev/ttyUSB0', '-S', '-m', 'bridge_core.start_wire', str(theirs)),
-        *('stage.toy_wire', '2.5', '-1', str(tap), str(kept), '-1'),
+        *('link: wire /dev/ttyUSB0', '-S', '-m', 'bridge_core.start_wire', '-1', str(theirs)),
+        *('stage.toy_wire', '2.5', str(tap), str(kept), '-1'),
     ]
-    assert child.options['pass_fds'] == [theirs, kept, *([77] if tapped else [])]
+    assert child.options['pass_fds'] == [theirs, *([77] if tapped else []), kept]
     assert child.options['executable'] == sys.executable
     assert child.options['stdin'] == subprocess.DEVNULL
     assert child.options['start_new_session'] is True
@@ -141,8 +141,8 @@ def test_environment_leads_to_what_the_node_has_imported(
     monkeypatch.setattr(sys, 'path', ['', '/somewhere', ''])
     monkeypatch.setenv('ROS_DOMAIN_ID', '42')
     monkeypatch.chdir(tmp_path)
-    found = child.environment('stage.toy_wire')
-    roots = dict.fromkeys((Path(child.__file__).parents[2], ROOT))
+    found = started.environment('stage.toy_wire')
+    roots = dict.fromkeys((Path(started.__file__).parents[2], ROOT))
     assert found['PYTHONPATH'].split(':') == [*map(str, roots), str(tmp_path), '/somewhere']
     assert found['PYTHONHOME'] == f'{sys.base_prefix}:{sys.base_exec_prefix}'
     assert found['PYTHONSAFEPATH'] == '1'
@@ -311,14 +311,6 @@ def test_wire_that_loads_as_the_node_leaves_says_a_farewell_for_the_one_before(
     child = bench.children[replaces]
     assert child.told() == ['turn', 'activate', 'end']
     assert (child.waited, child.kills) == (([], 0) if replaces else ([0.2, None], 1))
-
-
-def test_node_leaves_without_a_wire(bench: Bench) -> None:
-    bench.refuses = True
-    bench.command(1, 'activate', [])
-    bench.step()
-    bench.link._leave()
-    assert not bench.children
 
 
 def test_thread_blocks_the_signals_that_end_a_node_and_leaves_at_the_end(

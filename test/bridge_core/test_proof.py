@@ -6,25 +6,31 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 import math
 import random
 import struct
+from types import SimpleNamespace
 from typing import Any
 from zlib import crc32
 
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 import pytest
 
 from bridge_core.proof import (
     Challenge,
+    Heard,
     LATELY,
+    nanoseconds,
     PERIOD,
     Proof,
     ProofError,
     Reader,
+    Stamps,
     TOGETHER_TIME,
     Vouched,
+    WorstAge,
     Writer,
 )
 
@@ -38,8 +44,8 @@ ONE = Proof(WRITER, 5, 2, 1, estop=False, own_estop=False, newest=9, answers=((M
 def test_layouts_worked_out_by_hand() -> None:
     body = b'RC\1\0' + bytes(range(8, 0, -1)) + struct.pack('<q', 5_000_000_000)
     assert Challenge(ME, 5_000_000_000).to_bytes() == body + struct.pack('<I', crc32(body))
-    body = b'RP\1\7' + struct.pack('<QQIIqQq', 3, 4, 5, 6, 7, 8, 9)
-    proof = Proof(3, 4, 5, 6, True, True, True, 7, ((8, 9),))
+    body = b'RP\1\7' + struct.pack('<QQIIqIQq', 3, 4, 5, 6, 7, 10, 8, 9)
+    proof = Proof(3, 4, 5, 6, True, True, True, 7, ((8, 9),), 10)
     assert proof.to_bytes() == body + struct.pack('<I', crc32(body))
 
 
@@ -49,9 +55,11 @@ U64, U32, I64 = (
     st.integers(-(2**63), 2**63 - 1),
 )
 FLAG = st.booleans()
+ANSWERS = st.lists(st.tuples(U64, I64), max_size=16)
+AGE = st.none() | st.integers(0, 2**32 - 2)
 
 
-@given(U64, U64, U32, U32, FLAG, FLAG, FLAG, I64, st.lists(st.tuples(U64, I64), max_size=16))
+@given(U64, U64, U32, U32, FLAG, FLAG, FLAG, I64, ANSWERS, AGE)
 def test_round_trip(
     writer: int,
     number: int,
@@ -62,10 +70,23 @@ def test_round_trip(
     enable: bool,
     newest: int,
     answers: list[tuple[int, int]],
+    age: int | None,
 ) -> None:
     flags = (estop, own_estop, enable)
-    proof = Proof(writer, number, stops, own, *flags, newest, tuple(answers))
+    proof = Proof(writer, number, stops, own, *flags, newest, tuple(answers), age)
     assert Proof.from_bytes(proof.to_bytes()) == proof
+
+
+@pytest.mark.parametrize(
+    ('age', 'heard'),
+    [(math.inf, math.inf), (0.0, 0.0), (0.0611, 0.062), (10.0, 10.0), (1e9, 4294967.294)],
+)
+def test_age_of_what_the_writer_goes_by_is_rounded_up_to_ms(age: float, heard: float) -> None:
+    writer = Writer(WRITER)
+    writer.age = age
+    news = Reader(ME, SILENCE).hear(writer.proof(NOW), NOW)
+    assert news is not None
+    assert news.age == heard
 
 
 @pytest.mark.parametrize('kind', [Challenge, Proof])
@@ -94,6 +115,12 @@ def test_sound_message_of_another_kind_or_version_is_no_challenge(head: bytes) -
         Challenge.from_bytes(body + struct.pack('<I', crc32(body)))
 
 
+def test_message_that_is_cut_and_sealed_anew_is_none() -> None:
+    for body, kind in ((b'RC\1', Challenge), (b'RP\1', Proof)):
+        with pytest.raises(ProofError, match='damaged'):
+            kind.from_bytes(body + struct.pack('<I', crc32(body)))
+
+
 def test_proof_with_half_an_answer_and_challenge_with_a_tail_are_none() -> None:
     body = ONE.to_bytes()[:-4] + b'\0'
     with pytest.raises(ProofError, match='a proof of'):
@@ -113,12 +140,14 @@ def proof_of(writer: Writer, now: float = NOW) -> Proof:
 def test_writer_counts_stops_and_numbers_its_proofs() -> None:
     writer = Writer(WRITER)
     first = proof_of(writer)
-    assert (first.number, first.stops, first.estop, first.own_estop) == (1, 0, True, True)
-    assert not writer.say(estop=False, own_estop=False)
+    assert first == Proof(WRITER, 1, 0, 0, True, True)
+    for _ in range(2):
+        assert not writer.say(estop=False, own_estop=False)
     assert writer.say(estop=True, own_estop=False)
     assert not writer.say(estop=True, own_estop=False)
     assert writer.say(estop=True, own_estop=True)
-    writer.say(estop=False, own_estop=False, enable=True)
+    assert not writer.say(estop=True, own_estop=True)
+    assert writer.say(estop=False, own_estop=False, enable=True)
     writer.vouch(123)
     last = proof_of(writer)
     assert (last.number, last.stops, last.own_stops) == (2, 1, 1)
@@ -131,6 +160,7 @@ def test_writer_answers_the_newest_challenge_of_each_reader_for_a_while() -> Non
         (ME, 5, True),
         (ME, 7, True),
         (ME, 6, False),
+        (ME, 7, False),
         (OTHER, 1, True),
     ):
         assert writer.hear(Challenge(reader, when).to_bytes(), NOW) is answered
@@ -145,6 +175,7 @@ def test_writer_answers_sixteen_readers_and_another_once_one_is_gone() -> None:
     writer = Writer(WRITER)
     assert all(writer.hear(Challenge(each, 1).to_bytes(), NOW) for each in range(16))
     assert not writer.hear(Challenge(99, 1).to_bytes(), NOW)
+    assert writer.hear(Challenge(9, 2).to_bytes(), NOW)
     assert writer.hear(Challenge(99, 1).to_bytes(), NOW + LATELY)
 
 
@@ -181,6 +212,15 @@ def test_age_is_that_of_the_challenge_and_grows_in_silence() -> None:
     assert it.reader.age(it.now) == 0.0
 
 
+@given(st.floats(0.0, 1e7))
+@example(math.nextafter(100.52, 0.0))  # 100.52 when rounded to ns
+def test_answer_at_once_is_not_from_the_future(now: float) -> None:
+    it = Exchange()
+    it.now = now
+    it.turn()
+    assert 0.0 <= it.reader.age(now) < 4e-9
+
+
 def test_answer_to_somebody_else_or_to_what_was_never_asked_proves_nothing() -> None:
     it = Exchange()
     it.ask()
@@ -188,6 +228,10 @@ def test_answer_to_somebody_else_or_to_what_was_never_asked_proves_nothing() -> 
         assert it.reader.hear(replace(ONE, number=number, answers=answers).to_bytes(), NOW)
         assert it.reader.as_of == -math.inf
     assert it.reader.unasked == 1
+    it.reader.challenge(NOW - 1.0)  # by a clock that runs backwards
+    late = replace(ONE, number=9, answers=((ME, round((NOW - 1.0) * 1e9)),))
+    assert it.reader.hear(late.to_bytes(), NOW)
+    assert (it.reader.as_of, it.reader.unasked) == (-math.inf, 2)
 
 
 def test_older_answer_does_not_make_it_older() -> None:
@@ -199,6 +243,11 @@ def test_older_answer_does_not_make_it_older() -> None:
     newest = it.reader.as_of
     assert it.reader.hear(early, it.now) is None
     assert (it.reader.as_of, it.reader.repeated) == (newest, 1)
+    data = it.writer.proof(it.now)
+    assert it.reader.hear(data, it.now) is not None
+    assert it.reader.hear(data, it.now) is None  # the same one again
+    assert it.reader.hear(b'noise', it.now) is None
+    assert (it.reader.repeated, it.reader.damaged) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +264,8 @@ def test_stop_between_two_proofs_is_told(
     says: list[tuple[bool, bool]], stopped: bool, own_stopped: bool
 ) -> None:
     it = Exchange()
-    it.turn()
+    heard = it.turn()
+    assert (heard.stopped, heard.own_stopped) == (False, False)
     for estop, own in says:
         it.writer.say(estop=estop, own_estop=own)
     for _ in range(3):
@@ -232,8 +282,7 @@ def test_second_writer_beside_the_first_is_a_stop_for_three_seconds() -> None:
     it.turn()
     twin = replace(ONE, writer=TWIN, answers=((ME, round(NOW * 1e9)),))
     heard = it.reader.hear(twin.to_bytes(), it.now)
-    assert heard is not None
-    assert (heard.stopped, heard.own_stopped, heard.as_of) == (True, True, NOW)
+    assert heard == Heard(True, True, True, True, False, 0, NOW)
     assert (it.reader.writer, it.reader.second) == (WRITER, TWIN)
     assert it.reader.is_doubled(it.now + TOGETHER_TIME - 0.125)
     assert not it.reader.is_doubled(it.now + TOGETHER_TIME)
@@ -247,7 +296,8 @@ def test_writer_that_was_restarted_has_stopped_and_proves_its_age_anew() -> None
     it.writer.say(estop=False, own_estop=False)
     heard = it.reader.hear(it.writer.proof(it.now), it.now)
     assert heard is not None
-    assert (heard.stopped, heard.estop, heard.as_of) == (True, False, -math.inf)
+    assert (heard.stopped, heard.own_stopped, heard.as_of) == (True, True, -math.inf)
+    assert (heard.estop, heard.own_estop) == (False, False)
     heard = it.turn()
     assert (heard.stopped, heard.as_of) == (False, it.now)
 
@@ -298,7 +348,7 @@ def test_message_is_as_old_as_the_newest_proof_by_which_it_was_the_newest() -> N
     vouched.prove(100, 2.0)
     assert (vouched.as_of(99), vouched.as_of(100), vouched.as_of(101)) == (1.0, 2.0, 2.0)
     vouched.prove(100, 3.0)  # it still is
-    assert vouched.as_of(100) == 3.0
+    assert (vouched.as_of(99), vouched.as_of(100)) == (1.0, 3.0)
     vouched.prove(200, 4.0)
     assert (vouched.as_of(100), vouched.as_of(200)) == (3.0, 4.0)
     assert vouched.as_of(-1) == -math.inf
@@ -306,6 +356,60 @@ def test_message_is_as_old_as_the_newest_proof_by_which_it_was_the_newest() -> N
 
 def test_clock_that_is_set_back_leaves_nothing_of_before_vouched_for() -> None:
     vouched = Vouched()
+    vouched.prove(10, 0.5)
     vouched.prove(100, 1.0)
     vouched.prove(50, 2.0)
     assert (vouched.as_of(49), vouched.as_of(50)) == (-math.inf, 2.0)
+
+
+SECOND = 1_000_000_000  # ns
+
+
+@pytest.mark.parametrize(
+    ('proofs', 'stamp', 'as_of'),
+    [
+        ([(100, 1.0), (40, 2.0)], 41, 2.0),
+        ([(100, 1.0), (40, 2.0)], 99, -math.inf),  # of before the clock was set back
+        ([(100, 1.0), (40, 2.0)], 160, -math.inf),  # of before, too: a proof of it was lost
+        ([(100, 1.0), (40, 2.0), (45, 7.0)], 99, -math.inf),
+        ([(100, 1.0), (40, 2.0), (80, 42.0)], 99, 42.0),  # nothing is on its way for that long
+        ([(100, 1.0), (40, 2.0), (100, 3.0)], 101, 3.0),  # and was set forth again
+        ([(40, 1.0)], 100, 1.0),  # set forth alone
+        ([(100, 1.0), (0, 2.0)], 101, 2.0),  # restarted: it has said nothing yet
+    ],
+)
+def test_message_of_before_the_clock_was_set_back_is_old_however_late_it_comes(
+    proofs: Sequence[tuple[int, float]], stamp: int, as_of: float
+) -> None:
+    vouched = Vouched()
+    for newest, at in proofs:
+        vouched.prove(newest * SECOND, at)
+    found = vouched.as_of(stamp * SECOND)
+    assert found == as_of or (as_of == -math.inf and found < proofs[0][1] - 20.0)
+
+
+@pytest.mark.parametrize(
+    ('clock', 'stamps'),
+    [
+        ([5, 6, 9], [5, 6, 9]),
+        ([5, 5, 5, 9], [5, 6, 7, 9]),  # paused
+        ([10**9, 1, 2], [10**9, 10**9 + 1, 10**9 + 2]),  # a step back that is slewed over
+        ([3 * 10**9, 10**9, 10**9], [3 * 10**9, 10**9, 10**9 + 1]),  # it was set
+    ],
+)
+def test_stamps_grow_unless_the_clock_was_set_back(clock: list[int], stamps: list[int]) -> None:
+    made = Stamps()
+    assert [made.next(each) for each in clock] == stamps
+
+
+def test_stamp_of_a_header_is_in_ns() -> None:
+    assert nanoseconds(SimpleNamespace(sec=2, nanosec=3)) == 2_000_000_003
+
+
+def test_worst_age_is_that_of_the_last_one_to_two_seconds_and_unknown_while_nobody_knows() -> None:
+    worst, found = WorstAge(), []
+    notes = ((0.2, 0.0), (0.1, 0.9), (0.1, 1.0), (0.1, 2.0), (math.inf, 2.1), (0.1, 2.2))
+    for age, now in notes:
+        worst.note(age, now)
+        found.append(worst.value)
+    assert found == [0.2, 0.2, 0.2, 0.1, math.inf, 0.1]

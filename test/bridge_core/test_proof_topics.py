@@ -9,6 +9,7 @@ from collections.abc import Callable
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 from bridge_core.proof import Challenge, Proof
 from bridge_core.proof_topics import ProofTopics
@@ -24,7 +25,7 @@ class FakeNode:
     def __init__(self) -> None:
         self.said: list[Proof] = []
         self.on_publish: Callable[[], object] = lambda: None
-        self.lane = SimpleNamespace(subscribe=self._subscribe)
+        self.asked: list[tuple[Any, Any]] = []
 
     def create_publisher(self, *arguments: Any) -> Any:
         return SimpleNamespace(publish=self._publish)
@@ -33,12 +34,13 @@ class FakeNode:
         self.on_publish()
         self.said.append(Proof.from_bytes(bytes(message.data)))
 
-    def _subscribe(self, kind: Any, topic: str, take: Callable[..., None], qos: Any) -> None:
-        self.challenge = take
+    def create_subscription(self, kind: Any, *arguments: Any, **options: Any) -> Any:
+        handle = MagicMock()
+        handle.take_message = lambda *_: self.asked.pop(0) if self.asked else None
+        return SimpleNamespace(handle=handle, msg_type=kind, raw=False)
 
-
-def asked(number: int) -> Any:
-    return SimpleNamespace(data=Challenge(1, number).to_bytes())
+    def challenge(self, number: int) -> None:
+        self.asked.append((SimpleNamespace(data=Challenge(1, number).to_bytes()), {}))
 
 
 def test_challenges_since_the_last_answer_get_one_proof() -> None:
@@ -47,10 +49,24 @@ def test_challenges_since_the_last_answer_get_one_proof() -> None:
     topics.say(Verdict(), NOW)
     topics.answer(NOW)
     assert node.said == []
-    node.challenge(asked(1), None)
-    node.challenge(asked(2), None)
+    node.challenge(1)
+    node.challenge(2)
     topics.answer(NOW)
     assert [each.answers for each in node.said] == [((1, 2),)]
+
+
+def test_answers_are_apart_however_many_ask_and_stops_and_enables_are_proven_at_once() -> None:
+    node = FakeNode()
+    topics = ProofTopics(node, apart=0.02)
+    for tick in range(20):
+        now = NOW + tick / 128.0
+        node.challenge(tick)
+        topics.say(Verdict(estop=tick == 5, own_estop=False), now, enable=tick >= 10)
+        topics.answer(now)
+    said = [(each.answers[0][1], each.estop, each.enable) for each in node.said]
+    at_once = [(4, True, False), (9, False, True)]  # answers come as it is asked, behind them
+    apart = [(n, False, n >= 10) for n in (0, 3, 8, 13, 16, 19)]
+    assert said == sorted(at_once + apart)
 
 
 def test_thread_that_hangs_as_it_answers_keeps_no_stop_of_another_one() -> None:
@@ -65,7 +81,7 @@ def test_thread_that_hangs_as_it_answers_keeps_no_stop_of_another_one() -> None:
         goes_on.wait()
 
     node.on_publish = hang
-    node.challenge(asked(1), None)
+    node.challenge(1)
     link = threading.Thread(target=topics.answer, args=(NOW,), daemon=True)
     link.start()
     assert hangs.wait(5.0 * TIMEOUT_FACTOR)

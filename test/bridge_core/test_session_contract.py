@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One contract for all five sessions, with their wire: silence, a closed port, a freeze, a busy line.
+One contract for all six sessions, with their wire: silence, a closed port, a freeze, a busy line.
 
 What each session hears, and what is asked of it, is that of test_session_order and _quiet.
 """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-All five sessions: the published stops do not depend on how what was received is cut into reads.
+All six sessions: the published stops do not depend on how what was received is cut into reads.
 
 Frames that arrive at one moment are given to a session alone, each followed by the link's poll,
 and to another one in reads of any size, with one poll at the end. Both must report the same
@@ -23,11 +23,14 @@ import akron_can_bridge.session
 from bridge_core.session import Session, StopChanged
 import esi_drive_bridge.session
 import fort_vsc_bridge.session
+from io_bridge.protocol import gpio_frame
+import io_bridge.session
 import ssc_bridge.session
 from stage import (
     akron_session_rig as akron,
     esi_drive_rig as esi,
     fort_vsc_rig as fort,
+    io_rig as io,
     ssc_rig as ssc,
     vm110_rig as vm110,
 )
@@ -123,6 +126,19 @@ PLAYS = {
         },
         esi.status(2, errors=1),
     ),
+    'io': Play(
+        lambda: io.AskedSession(io_bridge.session.Settings(transport='gpio', debounce=0.0)),
+        (io.lines(*io.RELEASED),),
+        {
+            'healthy': io.lines(*io.RELEASED),
+            'pressed': io.lines(*io.PRESSED),
+            'one channel': io.lines(True, False),
+            'an edge': gpio_frame(b'I', 0, io.PRESSED),
+            'written': gpio_frame(b'W', 1),
+            'garbage': b'?' * 11,
+        },
+        io.lines(*io.PRESSED),
+    ),
     'ssc': Play(
         lambda: ssc_bridge.session.Session(ssc_bridge.session.Settings()),
         (ssc.status(), ssc.configuration()),
@@ -179,13 +195,13 @@ def test_stop_and_its_end_in_one_read_are_both_reported(name: str) -> None:
     play = PLAYS[name]
     healthy = play.frames['healthy']
     session, (bad, good) = begun(play, [play.faulty, healthy])
-    reads = [bad + good] if name in ('fort_vsc', 'esi_drive', 'ssc') else [bad, good]
+    reads = [bad + good] if name in ('fort_vsc', 'esi_drive', 'io', 'ssc') else [bad, good]
     events = feed(session, reads, START)
     assert [estop for estop, _, _ in stops(events)] == [True, False]
 
 
 @every_session
-@hypothesis_settings(max_examples=150, deadline=None)
+@hypothesis_settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_stops_are_the_same_however_the_frames_are_read(name: str, data: st.DataObject) -> None:
     play = PLAYS[name]
@@ -211,7 +227,7 @@ def test_stops_are_the_same_however_the_frames_are_read(name: str, data: st.Data
 
 
 @every_session
-@hypothesis_settings(max_examples=150, deadline=None)
+@hypothesis_settings(max_examples=80, deadline=None)
 @given(data=st.data())
 def test_no_verdict_changes_by_time_alone_before_the_deadline(
     name: str, data: st.DataObject

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-All five sessions: what is left out where nothing new is said changes nothing.
+All six sessions: what is left out where nothing new is said changes nothing.
 
 A session asks for its next expiry only after the last answer has passed, and may take a message
 that repeats the last one without judging anew. Beside it runs one that does neither. Whatever they
@@ -56,6 +56,7 @@ ASKED: dict[str, list[Ask]] = {
         ask('distrust', 'messages were lost'),
         ask('clear_errors'),
     ],
+    'io': [ask('set_state', state) for state in ('READY', 'ACTIVE')],
     'ssc': [
         *[ask('set_estop', value) for value in (False, True)],
         ask('set_pulses', [1500] * 24),

@@ -55,6 +55,8 @@ def test_frame_that_a_serial_server_sends_in_pieces_is_heard(
     session.poll(1.1)
     session.receive(frame[4:], 1.14)
     assert session.counters.frames == heard
+    warned = any('its line goes over a network' in text for _, text in session.problems(1.14))
+    assert warned == bool(heard and bridge != 'fort_vsc')  # which bounds the age of its line
 
 
 def refused(settings: Any, text: str, **options: Any) -> None:

@@ -43,81 +43,64 @@ def test_lost_stream_owes_one_neutral_though_its_last_was_neutral() -> None:
     assert not stream.owes_neutral(fresh=False, counts=False)
 
 
-def test_button_held_while_nothing_counted_counts_once_it_was_let_go_of() -> None:
+# What is seen of the buttons and then counts, or a moment at which none are: whether by a stop.
+Seen = tuple[float, tuple[int | None, ...], tuple[int, ...]] | tuple[float, bool]
+UNSEEN: list[Seen] = [(4.0, (0, 0), (0, 0)), (5.0, True), (6.0, False), (8.0, (1, 0), (0, 0))]
+HELD: dict[str, list[Seen]] = {
+    'while nothing counted, until it is let go of': [
+        *((1.0, (1, 0, -1), (1, 0, -1)), (1.1, False), (2.0, False), (2.1, (1, 1, -1), (0, 1, 0))),
+        *((2.2, False), (3.0, (1, 1, 0), (0, 0, 0)), (3.1, (0, 1, -1), (0, 0, -1))),
+        *((3.2, (1, 0, -1), (1, 0, -1)), (3.3, (1, 1, -1), (1, 1, -1))),
+    ],
+    'gone just before': [
+        *((0.0, (1,), (1,)), (1.0, (0,), (0,)), (1.01, (0,), (0,)), (1.25, False)),
+        (2.0, (1,), (0,)),
+    ],
+    'gone long before': [
+        *((0.0, (1,), (1,)), (1.0, (0,), (0,)), (1.01, (0,), (0,)), (1.26, False)),
+        (2.0, (1,), (1,)),
+    ],
+    'through a stop behind a pause': [
+        *((1.0, (1, 0), (1, 0)), (1.1, False), (2.0, True), (3.0, (1, 0), (1, 0))),
+        *((3.1, (0, 0), (0, 0)), (3.2, (1, 0), (1, 0))),
+    ],
+    'through a stop and a pause, in which nobody sees it and the mux may be reset': [
+        *((1.0, (1, 0), (1, 0)), (1.1, True), (2.0, False), (3.0, (1, 0), (0, 0))),
+        *((3.1, (0, 0), (0, 0)), (3.2, (1, 0), (1, 0))),
+    ],
+    'however long ago it was seen last': [
+        *((0.0, (1, 0), (1, 0)), (60.0, True), (60.1, False), (60.2, (1, 1), (0, 1))),
+    ],
+    'where a device shows it all the time': [(1.0, True), (2.0, False), (3.0, (1, 1), (1, 1))],
+    'unseen': [(3.0, (1, 0), (1, 0)), (3.1, (0, 1), (0, 1)), (3.2, (1, 1), (1, 1))],
+    'unseen, a stop before': [(0.0, True), (3.0, (1, 0), (1, 0)), (3.1, (0, 1), (0, 1))],
+    'unseen, a pause before': [
+        *((0.0, True), (1.0, False), (3.0, (1, 0), (0, 0)), (3.1, (0, 1), (0, 1))),
+        *((3.2, (1, 1), (1, 1)), *UNSEEN),
+    ],
+    'unseen, but let go of before a pause without a stop': [
+        *((4.0, (0, 0), (0, 0)), (5.0, False), (8.0, (1, 0), (1, 0))),
+    ],
+    'unreadable, until it is seen let go of': [
+        *((1.0, (1, None, 1), (1, 0, 1)), (1.1, (None, None, 1), (0, 0, 1))),
+        *((60.0, (1, 1, 1), (0, 0, 1)), (60.1, (0, None, 1), (0, 0, 1))),
+        (60.2, (1, 1, 1), (1, 0, 1)),
+    ],
+}
+
+
+@pytest.mark.parametrize('name', HELD)
+def test_button_held_where_it_did_not_count_counts_once_it_was_let_go_of(name: str) -> None:
+    buttons = HeldButtons(0.25, unseen=2 * name.startswith('unseen'))
+    for at, *seen in HELD[name]:
+        if len(seen) == 1:
+            buttons.miss(at, stopped=bool(seen[0]))
+        else:
+            assert buttons.of(seen[0], at) == seen[1], at  # type: ignore[arg-type]
+
+
+def test_button_that_cannot_be_read_while_nothing_counts_is_held_too() -> None:
     buttons = HeldButtons(0.25)
-    assert buttons.of((1, 0, -1), 1.0) == (1, 0, -1)
-    buttons.miss(1.1, stopped=False)
-    buttons.miss(2.0, stopped=False)
-    assert buttons.of((1, 1, -1), 2.1) == (0, 1, 0)
-    buttons.miss(2.2, stopped=False)
-    assert buttons.of((1, 1, 0), 3.0) == (0, 0, 0)
-    assert buttons.of((0, 1, -1), 3.1) == (0, 0, -1)
-    assert buttons.of((1, 0, -1), 3.2) == (1, 0, -1)
-    assert buttons.of((1, 1, -1), 3.3) == (1, 1, -1)
-
-
-@pytest.mark.parametrize(('gap', 'counts'), [(0.25, 0), (0.26, 1)])
-def test_button_that_went_just_before_was_held(gap: float, counts: int) -> None:
-    buttons = HeldButtons(0.25)
-    buttons.of((1,), 0.0)
-    buttons.of((0,), 1.0)
-    buttons.of((0,), 1.01)
-    buttons.miss(1.0 + gap, stopped=False)
-    assert buttons.of((1,), 2.0) == (counts,)
-
-
-@pytest.mark.parametrize(('pauses', 'counts'), [((False, True), 1), ((True, False), 0)])
-def test_button_held_through_a_stop_counts_unless_a_pause_follows(
-    pauses: tuple[bool, bool], counts: int
-) -> None:
-    """In the pause nobody sees that it is held, and the mux may be reset."""
-    buttons = HeldButtons(0.25)
-    buttons.of((1, 0), 1.0)
-    for at, stopped in zip((1.1, 2.0), pauses, strict=True):
-        buttons.miss(at, stopped=stopped)
-    assert buttons.of((1, 0), 3.0) == (counts, 0)
-    assert buttons.of((0, 0), 3.1) == (0, 0)
-    assert buttons.of((1, 0), 3.2) == (1, 0)
-
-
-def test_button_that_was_pressed_when_it_was_seen_last_is_held_however_long_ago() -> None:
-    buttons = HeldButtons(0.25)
-    buttons.of((1, 0), 1.0)
-    buttons.miss(60.0, stopped=True)
-    buttons.miss(60.1, stopped=False)
-    assert buttons.of((1, 1), 60.2) == (0, 1)
-
-
-@pytest.mark.parametrize(('pauses', 'counts'), [((), 1), ((True,), 1), ((True, False), 0)])
-def test_button_that_nobody_has_seen_is_held_where_a_pause_comes_first(
-    pauses: tuple[bool, ...], counts: int
-) -> None:
-    buttons = HeldButtons(0.25, unseen=2)
-    for at, stopped in enumerate(pauses):
-        buttons.miss(at, stopped=stopped)
-    assert buttons.of((1, 0), 3.0) == (counts, 0)
-    assert buttons.of((0, 1), 3.1) == (0, 1)
-    assert buttons.of((1, 1), 3.2) == (1, 1)
-    buttons.of((0, 0), 4.0)
-    for at, stopped in enumerate(pauses, 5):
-        buttons.miss(at, stopped=stopped)
-    assert buttons.of((1, 0), 8.0) == (counts, 0)
-
-
-def test_button_of_a_device_that_shows_it_all_the_time_is_not_held_unseen() -> None:
-    buttons = HeldButtons(0.25)
-    buttons.miss(1.0, stopped=True)
-    buttons.miss(2.0, stopped=False)
-    assert buttons.of((1, 1), 3.0) == (1, 1)
-
-
-def test_button_that_cannot_be_read_is_held_until_it_is_seen_let_go_of() -> None:
-    buttons = HeldButtons(0.25)
-    assert buttons.of((1, None, 1), 1.0) == (1, 0, 1)
-    assert buttons.of((None, None, 1), 1.1) == (0, 0, 1)
-    assert buttons.of((1, 1, 1), 60.0) == (0, 0, 1)
-    assert buttons.of((0, None, 1), 60.1) == (0, 0, 1)
-    assert buttons.of((1, 1, 1), 60.2) == (1, 0, 1)
     buttons.miss(60.3, stopped=False, buttons=(0, 0, None))
     assert buttons.of((0, 0, 0), 61.0) == (0, 0, 0)
     buttons.miss(62.0, stopped=False, buttons=(0, None, 0))
@@ -142,6 +125,15 @@ def test_a_little_late_is_made_up_for() -> None:
     pacer.start(0.0)
     pacer.sent(0.03)
     assert pacer.due == 0.1
+
+
+def test_frame_may_come_early_with_something_else_and_keeps_its_slots() -> None:
+    pacer = Pacer(0.125, early=0.03125)
+    pacer.start(0.0)
+    pacer.sent(0.0)
+    assert [pacer.is_due(now) for now in (0.0625, 0.09375)] == [False, True]
+    pacer.sent(0.09375)
+    assert pacer.due == 0.25
 
 
 def test_long_stall_makes_no_burst() -> None:

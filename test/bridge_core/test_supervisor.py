@@ -96,17 +96,6 @@ def test_silence_is_a_stop_and_then_the_end(stage: Stage, hangs: float, killed: 
         assert state.silence(START + 2.125) == 0.125
 
 
-def test_process_that_still_loads_at_its_turn_has_the_time_since_its_start() -> None:
-    state = supervisor()
-    state.started(START)
-    state.turned(START + 3.0)
-    assert state.wire is Stage.LOADING
-    assert not state.has_loaded
-    assert state.hangs_at(closes=False) == START + 25.0
-    state.spare_ended()
-    assert state.turns == 1
-
-
 # -- what the wire says ---------------------------------------------------------------------------
 
 
@@ -228,9 +217,9 @@ def test_wire_that_takes_over_is_told_what_is_in_force_and_what_is_open(
         orders.give(Request(number, '', A if name == 'A' else D, START, stop=True))
         if number == 1:  # what ends before the others are given
             for end in [each for each in ends if each[0] == 1]:
-                told += orders.end(*end)
+                told += orders.ended(*end)
     for end in [each for each in ends if each[0] != 1]:
-        told += orders.end(*end)
+        told += orders.ended(*end)
     assert told == ended
     assert ''.join(str(each.number) for each in orders.all()) == in_force
     assert orders.moves is moves

@@ -8,7 +8,7 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.watchdog import FreezeWatch, Watchdog
+from bridge_core.watchdog import FreezeWatch, RateWatch, Watchdog
 
 MOMENTS = st.floats(0.0, 1e9)
 TIMEOUTS = st.floats(1e-3, 1e3)
@@ -119,3 +119,19 @@ def test_freeze_amid_the_settling_begins_it_anew() -> None:
         watch.look(now)
     assert watch.settling(1.8125)
     assert not watch.settling(1.875)
+
+
+@pytest.mark.parametrize(('parts', 'exceeds'), [(15, False), (16, True)])
+def test_rate_that_is_half_as_high_again_is_told_for_three_seconds(
+    parts: int, exceeds: bool
+) -> None:
+    """Sixteen in less than a second, where ten are due; in just a second they are not too many."""
+    watch = RateWatch(10.0)
+    for n in range(15):
+        watch.feed(96.0 + n / parts)
+    assert not watch.exceeded(96.0 + 15 / parts)
+    last = 96.0 + 15 / parts
+    watch.feed(last)
+    assert watch.exceeded(last) is exceeds
+    assert watch.exceeded(last + 2.9375) is exceeds
+    assert not watch.exceeded(last + 3.0)

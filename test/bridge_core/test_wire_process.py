@@ -26,7 +26,7 @@ from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports import wire_process
 from bridge_core.transports.request import Activate, Call, Request
-from bridge_core.transports.wire_process import ENDING, InForce, Node, receive, TURN
+from bridge_core.transports.wire_process import ENDING, InForce, KNOWN, Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.toy_wire import BRIDGE
 
@@ -46,14 +46,17 @@ class Spare:
         self.wires: list[dict[str, Any]] = []
         self.ends: list[int] = []
         patch.setattr(wire_process, 'ready', self._ready)
-        patch.setattr(wire_process, '_show', self.names.append)
+        patch.setattr(wire_process, 'show', self.names.append)
         patch.setattr(wire_process, 'Wire', self._wire)
         patch.setattr(os, '_exit', self.ends.append)
 
     def _ready(self, descriptors: list[int], timeout: float | None) -> None:
         assert timeout is None
-        self.heard += [pickle.loads(self.ours.recv(1000))[0]]
-        self.ours.send(self.word)
+        if not self.heard:
+            self.heard += [pickle.loads(self.ours.recv(1000))[0]]
+            self.ours.send(KNOWN)
+        else:
+            self.ours.send(self.word)
         assert ready(descriptors, 0.0) == [self.node.fileno()]
 
     def _wire(self, bridge: Any, owner: Any, requests: Any, **options: Any) -> Any:
@@ -96,6 +99,40 @@ def test_spare_that_is_told_anything_but_its_turn_runs_nothing(spare: Spare) -> 
     spare.run()
     assert spare.names == ['spare wire']
     assert not spare.wires
+
+
+@pytest.mark.parametrize('known', [False, True])
+def test_process_that_its_node_does_not_know_says_no_farewell_for_it(
+    spare: Spare, monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    """It was started in vain: its end is not that of the node."""
+    said: list[int] = []
+    monkeypatch.setattr(wire_process, '_end_for', lambda before, *_: said.append(before))
+    words = [KNOWN, b''] if known else [b'']
+    monkeypatch.setattr(wire_process, 'receive', lambda _: words.pop(0))
+    monkeypatch.setattr(wire_process, 'ready', lambda *_: None)
+    spare.run()
+    assert said == [-1] * known
+    assert spare.names == ['spare wire'] * known
+    assert spare.ends == [0]
+
+
+@pytest.mark.parametrize('asked', [False, True])
+def test_node_that_died_between_turn_and_orders_leaves_the_farewell_to_its_wire(
+    spare: Spare, monkeypatch: pytest.MonkeyPatch, asked: bool
+) -> None:
+    """It was never active, so its own end says nothing; what was in force before still moves."""
+    said: list[int] = []
+    cleared: list[bool] = []
+    monkeypatch.setattr(wire_process, '_end_for', lambda before, *_: said.append(before))
+    monkeypatch.setattr(InForce, 'clear', lambda _: cleared.append(True))
+    words = [KNOWN, TURN, *([pickle.dumps((1, '', 'x', 0.0, 1.0, False, False))] * asked), b'']
+    monkeypatch.setattr(wire_process, 'receive', lambda _: words.pop(0))
+    monkeypatch.setattr(wire_process, 'ready', lambda *_: None)
+    wire = SimpleNamespace(run=spare.node.take if asked else lambda: None, left_safe=True)
+    monkeypatch.setattr(wire_process, 'Wire', lambda *_, **__: wire)
+    spare.run()
+    assert (said, cleared) == (([], [True]) if asked else ([-1], []))
 
 
 def test_wire_has_the_tap_of_its_node(spare: Spare) -> None:
@@ -148,7 +185,7 @@ def start_wire(
     (folder / 'lost' / 'wire.py').write_text(source)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
-        arguments = (str(theirs.fileno()), 'lost.wire', '1', str(priority), *['-1'] * 3)
+        arguments = (str(priority), str(theirs.fileno()), 'lost.wire', '1', *['-1'] * 3)
         return subprocess.run(
             [*program, sys.executable, '-m', 'bridge_core.start_wire', *arguments],
             env={**os.environ, 'PYTHONPATH': f'{folder}{os.pathsep}{os.getcwd()}'},
@@ -203,7 +240,7 @@ def give_up(*_):
     sys.exit()
 
 os.sched_setscheduler = give_up
-sys.argv = ['start_wire', '0', 'nothing', '1', '3', '-1', '-1', '-1']
+sys.argv = ['start_wire', '3', '0', 'nothing', '1', '-1', '-1', '-1']
 main()
 """
     said = subprocess.run(
@@ -253,10 +290,10 @@ def test_sign_of_life_comes_where_nothing_else_was_said(
     monkeypatch.setattr(clock, 'now', lambda: now)
     ends.node.on_events(['event'], now)
     due = ends.node.pace(now)
-    assert due == now + 0.025
+    assert due == now + 0.03
     ends.node.on_events([], now)  # which says nothing
-    now = due
-    assert ends.node.pace(due) == ends.node.pace(due) == due + 0.025
+    now = due - 0.0005  # awake for something else, a moment before
+    assert ends.node.pace(now) == ends.node.pace(now) == now + 0.03
     assert ends.told() == ['on_events', 'beat']
 
 
@@ -302,7 +339,7 @@ def test_requests_are_taken_to_the_last_one_and_then_the_end(ends: Ends, unread:
 def test_turn_counts_though_the_node_went_before_it_heard_that_the_spare_is_ready(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(wire_process, '_show', lambda name: ends.theirs.close())  # right behind it
+    monkeypatch.setattr(wire_process, 'show', lambda name: ends.theirs.close())  # right behind it
     ends.theirs.send(TURN)
     assert ends.node.wait_for_turn()
 
