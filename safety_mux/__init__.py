@@ -1,0 +1,6 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The safety mux: it lets motion through only while every condition holds."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

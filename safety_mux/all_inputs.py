@@ -34,10 +34,12 @@ class Inputs:
         self.autonomy: AutonomyInput | None = None
         if config.autonomy is not None:
             self.autonomy = AutonomyInput(config.autonomy, config.neutral_time)
-        self.drives = {name: DriveInput(name, config.drive_timeout) for name in config.drives}
+        self.drives = {name: DriveInput(name, config) for name in config.drives}
         self.feedback: FeedbackInput | None = None
         if config.feedback is not None:
-            self.feedback = FeedbackInput(config.feedback, config.stop_time)
+            self.feedback = FeedbackInput(
+                config.feedback, config.stop_time, age_limit=config.drive_age_limit
+            )
         self.speed_limits = {each.name: SpeedLimitInput(each) for each in config.speed_limits}
         named: dict[tuple[Kind, str], Input] = {}
         named |= {('e-stop source', name): each for name, each in self.sources.items()}
@@ -65,13 +67,13 @@ class Inputs:
         """Record a proof of the node of an e-stop source."""
         self.sources[name].proof(heard, now)
 
-    def operator_proof(self, name: str, as_of: float, now: float) -> None:
-        """Record that an operator's newest message is no older than a moment; -inf: or it is."""
-        self.operators[name].prove(as_of, now)
+    def drive_proof(self, name: str, heard: Heard, now: float) -> None:
+        """Record a proof of the node of a drive."""
+        self.drives[name].proof(heard, now)
 
-    def is_proven(self, kind: Kind, name: str) -> bool:
-        """Tell whether the node of an input proves ages, so that a lost message hides no stop."""
-        return self._named[kind, name].age is not None
+    def input_of(self, kind: Kind, name: str) -> Input:
+        """Return an input, to be looked at, or to be told how old its newest message is."""
+        return self._named[kind, name]
 
     def operator_sample(self, name: str, sample: OperatorSample, now: float) -> None:
         """Record an operator's message."""

@@ -36,6 +36,7 @@ Decided here, where the rules leave a choice:
 
 import math
 
+from bridge_core.reasons import Coded
 from safety_mux.explanation import status_of
 from safety_mux.owners import OperatorInput, OwnerInput
 from safety_mux.protocol import (
@@ -53,6 +54,8 @@ from safety_mux.protocol import (
 from safety_mux.resets import ResetCalls
 from safety_mux.settings import MuxConfig
 from safety_mux.stops import Stops
+
+_TRIPPED = Coded('mux.trip.called', '~/trip was called')
 
 
 class Arbiter(Stops):
@@ -89,7 +92,7 @@ class Arbiter(Stops):
 
     # -- services ----------------------------------------------------------------------------
 
-    def trip(self, now: float, reason: str = '~/trip was called') -> Reply:
+    def trip(self, now: float, reason: str = _TRIPPED) -> Reply:
         """Latch STOPPED with the next tick; all devices are asked to stop, until it ends."""
         self.trips.begin(now, reason)
         return Reply(True, 'tripped: STOPPED until ~/reset')
@@ -235,7 +238,8 @@ class Arbiter(Stops):
         limit = self.config.clear_time
         if self.state is not State.STOPPED or clear >= limit:
             return []
-        return [f'all stops have been clear for {milliseconds(clear)} of {milliseconds(limit)}']
+        text = f'all stops have been clear for {milliseconds(clear)} of {milliseconds(limit)}'
+        return [Coded('mux.reset.clearing', text, clear_s=clear, limit_s=limit)]
 
     # -- owners ------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ down), and of which nothing was missed.
 from collections.abc import Sequence
 import math
 
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import in_words, Watchdog
 
 SHORTEST, LONGEST = 0.1, 2.0  # s
@@ -56,10 +57,11 @@ class ResetButton:
         """Return why it could not reset now, in words; None if it could."""
         if self._watchdog.expired(now):
             condition = 'stale' if self._watchdog.heard else 'silent'
-            return f'is {condition}: {self._watchdog.describe(now)}'
+            return Coded('mux.button.quiet', f'is {condition}: {self._watchdog.describe(now)}')
         held = now - self._since
         if self._pressed and not held <= LONGEST:
-            return f'has been held for {in_words(held)}: release it'
+            text = f'has been held for {in_words(held)}: release it'
+            return Coded('mux.button.held', text, held_s=held)
         return None
 
     def _wrong_length(self, now: float) -> str:

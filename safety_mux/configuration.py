@@ -4,17 +4,22 @@
 """The objects that are made from the mux's parameters."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+import re
 from typing import Any, TypeVar
 
 from bridge_core.parameters import names_of, ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping, Stick
-from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL
-from safety_mux.proofs import ENDINGS
+from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL, telling_drives
+from safety_mux.proofs import ENDINGS, provable
 from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
+from safety_mux.soft_ends import SoftEnds
 
 _T = TypeVar('_T')
 _DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}
+_BUTTON = re.compile(r'([A-Za-z][A-Za-z0-9_]*)=([0-9]{1,3})')
+MOST_BUTTONS = 255  # the greatest index
 _TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
@@ -39,6 +44,8 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
             torques=values['interface'] == 'effort',
             drives=_drives(values),
             drive_timeout=values['drive_enabled_timeout'],
+            drive_proof=values['drive_enabled_proof'],
+            drive_age_limit=values['drive_enabled_age_limit'],
             feedback=_feedback(values) if values['feedback.topic'] else None,
             speed_limits=tuple(
                 SpeedLimit(
@@ -71,6 +78,9 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
             deadman=tuple(values[f'{prefix}.deadman_buttons']),
             mixing=values[f'{prefix}.mixing'],
             pressed_at=values[f'{prefix}.pressed_at'],
+            levels=tuple(values[f'{prefix}.speed_levels']),
+            level_button=values[f'{prefix}.speed_button'],
+            axis_buttons=tuple(spread('axis_buttons')),
         )
 
     if not values[f'{prefix}.deadman_buttons']:
@@ -104,6 +114,44 @@ def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
     return _built('joint.*', build)
 
 
+def soft_ends(values: Mapping[str, Any]) -> dict[int, SoftEnds]:
+    """Return the soft ends, by the joint's place. :raises ParameterError: one has no sense."""
+    ends = {}
+    for n, name in enumerate(values['joints']):
+        prefix = f'joint.{name}'
+        least, most = values[f'{prefix}.position_min'], values[f'{prefix}.position_max']
+        zone, fastest = values[f'{prefix}.slow_zone'], values[f'{prefix}.max']
+        if least == most:
+            if least or zone:
+                raise ParameterError(f'{prefix}.*: give position_min, position_max and slow_zone')
+            continue
+        needed = fastest**2 / values[f'{prefix}.deceleration']
+        if zone < needed:
+            raise ParameterError(
+                f'parameter {prefix}.slow_zone = {zone:g}: the joint cannot slow down in it; '
+                f'max² / deceleration is {needed:.3g} rad'
+            )
+        if not values['feedback.topic']:
+            raise ParameterError(
+                f'parameter {prefix}.position_max: is not used; only feedback.topic needs it'
+            )
+        ends[n] = _built(f'{prefix}.*', partial(SoftEnds, least, most, zone, fastest))
+    return ends
+
+
+def operator_buttons(values: Mapping[str, Any], operator: str) -> dict[str, int]:
+    """Return the index in Joy of each button with a name. :raises ParameterError: none is that."""
+    parameter, found = f'operator.{operator}.buttons', {}
+    for text in names_of(values, parameter):
+        match = _BUTTON.fullmatch(text)
+        if match is None or int(match[2]) > MOST_BUTTONS or match[1] in found:
+            raise ParameterError(
+                f"parameter {parameter}: {text!r} is not name=index, such as 'horn=4', or twice"
+            )
+        found[match[1]] = int(match[2])
+    return found
+
+
 def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     """
     Refuse contradictory values.
@@ -130,7 +178,8 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     _check_unused(values)
     _check_proofs(values)
     twist = values['autonomy.type'] != 'JointState'
-    if values['autonomy.topic'] and twist and len(values['joints']) != 2:
+    sideways = values['output'] != 'joints' and len(values['joints']) == 3
+    if values['autonomy.topic'] and twist and len(values['joints']) != 2 and not sideways:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
     if 1.0 / values['rate'] >= values['stall_limit']:
         raise ParameterError('parameter stall_limit: must be longer than the period of rate')
@@ -139,6 +188,7 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
             raise ParameterError(f'parameter {name}: must be three periods of rate or more')
     mux_config(values)
     limits = joint_limits(values)
+    soft_ends(values)
     for name in names_of(values, 'operators'):
         reach = joy_mapping(values, name).reach
         for joint, limit, most in zip(values['joints'], limits, reach, strict=True):
@@ -152,8 +202,9 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
 def _check_twist(values: Mapping[str, Any]) -> None:
     """Refuse what a twist cannot say."""
     mixings = {f'operator.{name}.mixing': 'none' for name in names_of(values, 'operators')}
-    needed = {'joints': ['linear', 'angular'], 'interface': 'velocity', 'feedback.topic': ''}
-    needed |= mixings
+    three = ['linear', 'lateral', 'angular']
+    joints = three if values['joints'] == three else ['linear', 'angular']
+    needed = {'joints': joints, 'interface': 'velocity', 'feedback.topic': '', **mixings}
     for name, value in needed.items():
         if values[name] != value:
             raise ParameterError(
@@ -188,10 +239,11 @@ def _check_unused(values: Mapping[str, Any]) -> None:
         'frame_id': (output == 'twist_stamped', 'output twist_stamped has one'),
         'autonomy.type': (planned, 'autonomy.topic needs it'),
         'autonomy.timeout': (planned, 'autonomy.topic needs it'),
-        'drive_enabled_timeout': (bool(_telling_drives(values)), 'drive_enabled_topic needs it'),
         'autonomy.wheel_separation': (wheels, 'a Twist of autonomy with output joints needs it'),
         'autonomy.wheel_radius': (wheels, 'a Twist of autonomy with output joints needs it'),
     }
+    tells = (bool(telling_drives(values)), 'drive_enabled_topic needs it')
+    users |= {f'drive_enabled_{name}': tells for name in ('timeout', 'proof', 'age_limit')}
     for name in values:
         if name.startswith('feedback.') and name != 'feedback.topic':
             users[name] = (measured, 'feedback.topic needs it')
@@ -205,24 +257,24 @@ def _check_unused(values: Mapping[str, Any]) -> None:
 
 def _check_proofs(values: Mapping[str, Any]) -> None:
     """Refuse to wait for proofs where nobody would look for any."""
-    for names, prefix in (('estop_sources', 'estop'), ('operators', 'operator')):
-        for name in names_of(values, names):
-            parameter, ending = f'{prefix}.{name}.proof', ENDINGS[prefix]
-            topic = values[f'{prefix}.{name}.topic']
-            if values[parameter] == 'required' and not topic.endswith(ending):
-                raise ParameterError(
-                    f"parameter {parameter} = 'required': {topic!r} does not end with {ending}: "
-                    'there is no ~/proof beside it'
-                )
+    for each in provable(values):
+        topic, ending = values[each.topic], ENDINGS[each.kind]
+        if values[each.policy] == 'required' and not topic.endswith(ending):
+            raise ParameterError(
+                f"parameter {each.policy} = 'required': {topic!r} does not end with {ending}: "
+                'there is no ~/proof beside it'
+            )
 
 
 def _outputs(values: Mapping[str, Any]) -> Iterator[str]:
-    yield from ('~/estop', '~/enable', '~/state', '~/status')
+    yield from ('~/estop', '~/enable', '~/state', '~/status', '~/proof')
     yield '~/command' if values['output'] == 'joints' else '~/cmd_vel'
     for topic, names in (('~/stop_demand', 'estop_sources'), ('~/joy', 'operators')):
         for name in names_of(values, names):
             if name.isascii() and name.isidentifier():  # else it is refused as a name
                 yield f'{topic}/{name}'
+    operators = names_of(values, 'operators')
+    yield from {f'~/button/{b}' for name in operators for b in operator_buttons(values, name)}
 
 
 def _full(what: str, topic: str, resolved: Callable[[str], str]) -> str:
@@ -277,13 +329,8 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
     )
 
 
-def _telling_drives(values: Mapping[str, Any]) -> tuple[str, ...]:
-    names = ('', *names_of(values, 'estop_sources'))
-    return tuple(name for name in names if values[enabled_topic(name)])
-
-
 def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
-    found = _telling_drives(values)
+    found = telling_drives(values)
     if len(found) > 1 and '' in found:
         raise ValueError(f"drive_enabled_topic must be '', as {enabled_topic(found[1])} is given")
     return found

@@ -11,6 +11,7 @@ enable.
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from bridge_core.reasons import from_values, passed_on
 from safety_mux.protocol import Kind
 
 _HAVE_WORDS = ('e-stop source', 'operator', 'drive')
@@ -40,12 +41,15 @@ class DeviceWords:
             device = f'{topic.rpartition("/")[0].lstrip("/")}: device'
             self._inputs.setdefault(device, []).append((kind, name))
 
-    def hear(self, statuses: Iterable[Any]) -> bool:
+    def hear_diagnostics(self, statuses: Iterable[Any]) -> bool:
         """Take a message of /diagnostics; tell whether there are words to pass on."""
         for status in statuses:
             if status.name in self._inputs:
                 node = status.name.rpartition(': ')[0]
                 words = status.message[:_MOST].replace('~/', f'/{node}/')
+                codes = {pair.key: pair.value for pair in status.values}
+                for first in from_values(codes)[:1]:
+                    words = passed_on(first, words)
                 self._waiting[status.name] = status.level == _OK, words
         return bool(self._waiting)
 
@@ -54,7 +58,8 @@ class DeviceWords:
         for device in list(self._waiting):
             good, words = self._waiting.pop(device)
             self._at[device] = now
-            self._say(device, words.removeprefix('ok').removeprefix('; '), good=good)
+            says = words.removeprefix('ok').removeprefix('; ')
+            self._say(device, says and passed_on(words, says), good=good)
 
     def forget_old(self, now: float) -> None:
         """Take back the words of nodes that say nothing any more."""

@@ -7,12 +7,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.watchdog import in_words
 from safety_mux.protocol import State, Status, Stop
 
 if TYPE_CHECKING:
     from safety_mux.arbiter import Arbiter
     from safety_mux.owners import AutonomyInput, OperatorInput, OwnerInput
+
+_RESET = Coded('mux.reset.due', 'waiting for reset: call ~/reset')
+_TRIP = Coded(
+    'mux.trip.active', 'a trip is active until ~/end_trip is called, or a reset succeeds'
+)
 
 
 def status_of(mux: Arbiter, now: float) -> Status:
@@ -37,7 +43,8 @@ def status_of(mux: Arbiter, now: float) -> Status:
 
 def _inhibits(mux: Arbiter, now: float) -> list[str]:
     if mux.state is State.STOPPING:
-        return [f'stopping on a ramp: {mux.transition.reason}{_motion(mux, now)}']
+        text = f'stopping on a ramp: {mux.transition.reason}{_motion(mux, now)}'
+        return [Coded('mux.stopping', text)]
     stops = mux.stops_at(now)
     why = [stop.reason for stop in stops]
     if mux.state is State.ACTIVE:
@@ -53,26 +60,33 @@ def _stopped_ago(mux: Arbiter, stops: list[Stop], now: float) -> str:
     last = mux.transition
     text = f'stopped {in_words(now - last.at)} ago'
     again = last.causes and set(last.causes) <= {stop.cause for stop in stops}
-    return text if again else f'{text}: {last.reason}'
+    text = text if again else f'{text}: {last.reason}'
+    return Coded('mux.stopped', text, since_s=now - last.at)
 
 
 def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[str]:
     if mux.overruled is not None:
-        return [f'{owner.label} is losing control: {mux.overruled}{_motion(mux, now)}']
+        text = f'{owner.label} is losing control: {mux.overruled}{_motion(mux, now)}'
+        return [Coded('mux.overruled', text, owner=owner.name)]
     for drive in mux.drives.values():
         if not drive.ready(now):
             why = drive.problem(now)
             if why is None:
                 why = f'{drive.lapse or "it says that it is not"}{drive.says}'
-            return [f'{owner.label} waits for {drive.label} to be enabled: {why}']
+                inner = drive.device_words
+            else:
+                inner = why
+            text = f'{owner.label} waits for {drive.label} to be enabled: {why}'
+            return [passed_on(inner, text, 'mux.drive.disabled', drive=drive.name)]
     if not mux.through_zero and not any(owner.demand):
-        return [f'{owner.label} has control and asks for zero']
+        text = f'{owner.label} has control and asks for zero'
+        return [Coded('mux.owner.zero', text, owner=owner.name)]
     if not mux.through_zero and any(mux.limiter.output):
         return []
     if mux.scale(now) == 0.0:
         return _slowed(mux, now)
     first = f'the output passes through zero first{_motion(mux, now)}'
-    return [f'{owner.label} takes control: {first}']
+    return [Coded('mux.operator.starts', f'{owner.label} takes control: {first}')]
 
 
 def _slowed(mux: Arbiter, now: float) -> list[str]:
@@ -89,28 +103,33 @@ def _motion(mux: Arbiter, now: float) -> str:
 
 
 def _why_no_reset(mux: Arbiter, now: float) -> list[str]:
-    why = []
+    why: list[str] = []
     if mux.trips.since is not None:
-        why.append('a trip is active until ~/end_trip is called, or a reset succeeds')
+        why.append(_TRIP)
     clearing = [] if mux.stops_at(now) else mux.still_clearing(now)
     script = mux.calls.script(now)
     why += mux.unrest(now) + clearing + ([script] if script else [])
-    return [*why, 'waiting for reset: call ~/reset']
+    return [*why, _RESET]
 
 
 def _why_no_owner(mux: Arbiter, now: float) -> list[str]:
     why = mux.unseen(now)
     if mux.feedback is not None and mux.feedback.awaited:
-        why.append(f'waiting for standstill: {mux.feedback.left(now)}')
+        why.append(Coded('mux.standstill', f'waiting for standstill: {mux.feedback.left(now)}'))
     why += [
-        f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
-        'other devices are asked to stop'
+        Coded(
+            'mux.source.own_silent',
+            f'own e-stop of {source.label}: {source.own_watchdog.describe(now)}; '
+            'other devices are asked to stop',
+            source=source.name,
+        )
         for source in mux.sources.values()
         if source.config.own_topic and source.own_watchdog.expired(now) and mux.counts(source, now)
     ]
     for operator in mux.operators.values():
         stops = mux.guard_stops(operator, now)
-        why += [f'{operator.label} cannot take control: {reason}' for reason in stops]
+        blocked = f'{operator.label} cannot take control'
+        why += [passed_on(reason, f'{blocked}: {reason}') for reason in stops]
         why += _advice(mux, operator, now, stopped=bool(stops))
     return why if mux.autonomy is None else why + _advice(mux, mux.autonomy, now)
 
@@ -122,5 +141,5 @@ def _advice(
     if problem is not None:
         stops = (source.stop_reason(now) or '' for source in mux.sources.values())
         told = any(stop.endswith(each.device_words) for stop in stops)
-        return [problem.removesuffix(each.says) if told else problem]
+        return [passed_on(problem, problem.removesuffix(each.says)) if told else problem]
     return [each.advice(now)] if mux.state is State.READY and not stopped else []

@@ -10,6 +10,7 @@ What is not known counts as motion where standstill is asked for, and never as o
 
 import math
 
+from bridge_core.reasons import Coded
 from safety_mux.inputs import Input
 from safety_mux.protocol import Demand, milliseconds
 from safety_mux.settings import Feedback
@@ -22,15 +23,18 @@ class FeedbackInput(Input):
     ``fault``: in words, motion that nobody asked for. It lasts until the joints stand.
 
     :param stop_time: seconds within which the joints stand after ``told_to_stand``.
+    :param age_limit: as of Input, where a drive that proves ages measures them.
     """
+
+    KIND = 'feedback'
 
     __slots__ = (
         *('_at_zero', '_fast_since', '_told_at', '_unknown'),
         *('config', 'fault', 'speeds', 'stop_time'),
     )
 
-    def __init__(self, config: Feedback, stop_time: float) -> None:
-        super().__init__('the feedback', config.timeout)
+    def __init__(self, config: Feedback, stop_time: float, *, age_limit: float = math.inf) -> None:
+        super().__init__('the feedback', config.timeout, age_limit=age_limit)
         self.config = config
         self.stop_time = stop_time
         self._unknown: Demand = (math.inf,) * len(config.joints)
@@ -97,7 +101,8 @@ class FeedbackInput(Input):
         elif self._told_at is not None:
             if not 0.0 <= now - self._told_at < self.stop_time:
                 limit = milliseconds(self.stop_time)
-                self.fault = f'the joints do not stand {limit} after control: {self.left(now)}'
+                text = f'the joints do not stand {limit} after control: {self.left(now)}'
+                self.fault = Coded('mux.motion.unstopped', text, limit_s=self.stop_time)
                 self._told_at = None
         elif self.fault is None:
             self._look_for_overspeed(commanded, now)
@@ -114,4 +119,6 @@ class FeedbackInput(Input):
                 continue
             since = self._fast_since.setdefault(joint, now)
             if not 0.0 <= now - since < self.config.overspeed_time:
-                self.fault = f"joint '{joint}' runs at {speed:.1f} rad/s, asked for {asked:.1f}"
+                text = f"joint '{joint}' runs at {speed:.1f} rad/s, asked for {asked:.1f}"
+                fields = {'speed_rad_s': speed, 'asked_rad_s': asked}
+                self.fault = Coded('mux.motion.overspeed', text, joint=joint, **fields)

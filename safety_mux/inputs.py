@@ -10,10 +10,12 @@ the next tick. Of everything else only the newest value counts.
 """
 
 import math
+from typing import Any
 
 from bridge_core.proof import Heard
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.watchdog import in_words, Watchdog
-from safety_mux.settings import EStopSource, SpeedLimit
+from safety_mux.settings import EStopSource, MuxConfig, SpeedLimit
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
 
@@ -22,18 +24,31 @@ class Input:
     """
     An input that must keep arriving, and its faults.
 
-    :param label: its name in words, such as "e-stop source 'near'".
+    ``KIND`` begins the codes of what is wrong with it, after 'mux.'.
+
+    :param label: what it is, such as "e-stop source 'near'". :param name: its own, if it has one.
     :param timeout: seconds after which it is stale.
     :param age_limit: seconds; what it says is too old beyond that, once its node proves ages.
     :param proven: its node has to, from the first message on.
     """
 
-    __slots__ = ('age', 'age_limit', 'device_words', 'faults', 'label', 'lapse', 'watchdog')
+    KIND = 'input'
+
+    __slots__ = (
+        *('age', 'age_limit', 'device_words', 'faults', 'label', 'lapse', 'name', 'watchdog'),
+    )
 
     def __init__(
-        self, label: str, timeout: float, *, age_limit: float = math.inf, proven: bool = False
+        self,
+        label: str,
+        timeout: float,
+        *,
+        name: str = '',
+        age_limit: float = math.inf,
+        proven: bool = False,
     ) -> None:
         self.label = label
+        self.name = name or label
         self.watchdog = Watchdog(timeout)
         self.age_limit = age_limit
         self.age: Watchdog | None = Watchdog(age_limit) if proven else None  # None: not proven
@@ -57,7 +72,7 @@ class Input:
             self.faults.pop(cause, None)
             return
         self.faults[cause] = reason
-        self._break(f'{self.label} is invalid: {reason}')
+        self._break(self._coded('invalid', f'{self.label} is invalid: {reason}', reason))
 
     def usable(self, now: float) -> bool:
         """Return whether it is fresh and valid."""
@@ -72,7 +87,7 @@ class Input:
         if self.age is None:
             self.age = Watchdog(self.age_limit)
         elif self.age.heard and self.age.expired(now):
-            self._break(f'{self.label} was old: {self._age_in_words(now)}')
+            self._break(self._old('was', now))
         if as_of > -math.inf:
             self.age.feed(as_of)
 
@@ -81,11 +96,20 @@ class Input:
         if self.usable(now):
             return None
         if self.faults:
-            return f'{self.label} is invalid: {"; ".join(self.faults.values())}'
+            found = list(self.faults.values())
+            return self._coded('invalid', f'{self.label} is invalid: {"; ".join(found)}', found[0])
         if not self.watchdog.expired(now):
-            return f'{self.label} is old: {self._age_in_words(now)}'
-        silence = f'{self.condition(now)}: {self.watchdog.describe(now)}'
-        return f'{self.label} is {silence}{self.says or ": start its node"}'
+            return self._old('is', now)
+        condition, watchdog = self.condition(now), self.watchdog
+        silence = f'{self.label} is {condition}: {watchdog.describe(now)}'
+        text = f'{silence}{self.says or ": start its node"}'
+        heard = {'age_s': watchdog.age(now)} if watchdog.heard else {}
+        return self._coded(condition, text, self.device_words, limit_s=watchdog.timeout, **heard)
+
+    def _coded(self, what: str, text: str, inner: str = '', **fields: Any) -> Coded:
+        """Return a reason with its code, or with that of what it passes on."""
+        fields = {self.KIND: self.name} | fields
+        return passed_on(inner, text, f'mux.{self.KIND}.{what}', **fields)
 
     @property
     def says(self) -> str:
@@ -125,15 +149,20 @@ class Input:
 
     def _arrive(self, now: float) -> None:
         if self.watchdog.heard and self.watchdog.expired(now):
-            self._break(f'{self.label} was stale: {self.watchdog.describe(now)}')
+            text = f'{self.label} was stale: {self.watchdog.describe(now)}'
+            self._break(self._coded('was_stale', text))
         self.watchdog.feed(now)
 
-    def _age_in_words(self, now: float) -> str:
+    def _old(self, verb: str, now: float) -> Coded:
         assert self.age is not None
+        begin, name = f'{self.label} {verb} old', self.name
         if not self.age.heard:
-            return 'its node proves no age: look at the network to it, and at its version'
-        age, limit = in_words(self.age.age(now)), in_words(self.age.timeout)
-        return f'what it says is up to {age} old, limit {limit}: look at the network to its node'
+            why = 'its node proves no age: look at the network to it, and at its version'
+            return Coded('mux.input.unproven', f'{begin}: {why}', name=name)
+        age, limit = self.age.age(now), self.age.timeout
+        why = f'what it says is up to {in_words(age)} old, limit {in_words(limit)}'
+        text = f'{begin}: {why}: look at the network to its node'
+        return Coded('mux.input.old', text, name=name, age_s=age, limit_s=limit)
 
     def _break(self, reason: str) -> None:
         self.lapse = reason
@@ -143,12 +172,15 @@ class Input:
 class SourceInput(Input):
     """An e-stop source: its stop, and the part of it that it demands by itself."""
 
+    KIND = 'source'
+
     __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
 
     def __init__(self, config: EStopSource) -> None:
         super().__init__(
             f"e-stop source '{config.name}'",
             config.timeout,
+            name=config.name,
             age_limit=config.age_limit,
             proven=config.proof == 'required',
         )
@@ -163,7 +195,7 @@ class SourceInput(Input):
         self.well_formed(now)
         self.value = value or (self.value and self.age is not None)
         if value:
-            self.lapse = f'{self.label} demanded a stop'
+            self.lapse = self._coded('stop', f'{self.label} demanded a stop', self.device_words)
         if not self.config.own_topic:
             self.own_estop(value, now)
 
@@ -179,7 +211,7 @@ class SourceInput(Input):
         self.well_formed(now)
         self.value = heard.estop
         if heard.stopped:
-            self.lapse = f'{self.label} demanded a stop'
+            self.lapse = self._coded('stop', f'{self.label} demanded a stop', self.device_words)
         self.own_watchdog.feed(now)
         if self.config.own_topic:
             self.own = heard.own_estop
@@ -198,7 +230,10 @@ class SourceInput(Input):
         problem = self.problem(now)
         if problem is None and self.value:
             why = self.device_words or 'see /diagnostics of its node'
-            return f'{self.label} demands a stop: {why}'
+            text = f'{self.label} demands a stop: {why}'
+            if not self.demands_itself(now):
+                return self._coded('echo', text)
+            return self._coded('stop', text, self.device_words)
         return problem or self.lapse
 
     def demands_itself(self, now: float) -> bool:
@@ -221,22 +256,40 @@ class DriveInput(Input):
     """
     A drive's own word that it is enabled.
 
-    One without a name that has never said anything has no such topic, and is not waited for.
+    One without a name, which need not prove ages, is not waited for until it says anything: it may
+    have no such topic.
     """
 
-    __slots__ = ('_is_named', 'known', 'value')
+    KIND = 'drive'
 
-    def __init__(self, name: str, timeout: float) -> None:
-        super().__init__(f"drive '{name}'" if name else 'the drive', timeout)
-        self._is_named = bool(name)
+    __slots__ = ('_is_expected', 'known', 'value')
+
+    def __init__(self, name: str, config: MuxConfig) -> None:
+        required = config.drive_proof == 'required'
+        super().__init__(
+            f"drive '{name}'" if name else 'the drive',
+            config.drive_timeout,
+            name=name,
+            age_limit=config.drive_age_limit,
+            proven=required,
+        )
+        self._is_expected = bool(name) or required
         self.known = self.value = False
 
     def enabled(self, value: bool, now: float) -> None:
-        """Record what it says."""
+        """Record what it says. Where it proves ages, a message alone enables nothing."""
+        self._take(value and (self.value or self.age is None), now)
+
+    def proof(self, heard: Heard, now: float) -> None:
+        """Record a proof of its node."""
+        self.prove(heard.as_of, now)
+        self._take(heard.enable, now)
+
+    def _take(self, value: bool, now: float) -> None:
         self.well_formed(now)
         self.known, self.value = True, value
         if not value:
-            self.lapse = f'{self.label} was not enabled'
+            self.lapse = self._coded('disabled', f'{self.label} was not enabled')
 
     def continue_from(self, before: 'DriveInput') -> None:
         """Be waited for if ``before``, which this one replaces, was heard."""
@@ -250,17 +303,19 @@ class DriveInput(Input):
     def ready(self, now: float) -> bool:
         """Return whether it is enabled, and was at all times since the last tick."""
         if not self.known:
-            return not (self._is_named or self.faults)
+            return not (self._is_expected or self.faults)
         return self.value and self.lapse is None and self.usable(now)
 
 
 class SpeedLimitInput(Input):
     """A speed limit of the moment."""
 
+    KIND = 'limit'
+
     __slots__ = ('lowest', 'value')
 
     def __init__(self, config: SpeedLimit) -> None:
-        super().__init__(f"speed limit '{config.name}'", config.timeout)
+        super().__init__(f"speed limit '{config.name}'", config.timeout, name=config.name)
         self.lowest = config.lowest
         self.value = 1.0
 
@@ -289,4 +344,4 @@ class SpeedLimitInput(Input):
         """Say what it allows, and why if it does not say so itself."""
         problem = self.problem(now)
         allows = f'{self.label} allows {100.0 * self.scale(now):.0f} %'
-        return f'{allows}: {problem}' if problem else allows
+        return self._coded('slows', f'{allows}: {problem}' if problem else allows)

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 
 from safety_mux.arbiter import Arbiter
 from safety_mux.button import Presses
-from safety_mux.configuration import joint_limits, joy_mapping, mux_config
+from safety_mux.configuration import joint_limits, joy_mapping, mux_config, soft_ends
 from safety_mux.limits import JointLimiter
-from safety_mux.mapping import DifferentialDrive, forward_and_turn, NamedJoints
+from safety_mux.mapping import DifferentialDrive, forward_and_turn, NamedJoints, over_the_ground
 from safety_mux.parameters import enabled_topic
 from safety_mux.protocol import AUTONOMY, Decision, Demand, Kind, MalformedInput, State
+from safety_mux.soft_ends import EndedLimiter
 from safety_mux.stamps import StampWatch
 
 Take = Callable[[Any, float], bool]
@@ -45,8 +46,8 @@ class Intake:
     """
     The arbiter with all that reads messages for it.
 
-    :param values: every parameter. :param heard: gets an operator's name and each of his Joys
-        that is well-formed, before a decision that it may lead to.
+    :param values: every parameter. :param heard: gets kind and name of an operator, or of the
+        feedback, and each message that is well-formed, before a decision that it may lead to.
     :raises ParameterError: values contradict each other.
     """
 
@@ -54,10 +55,13 @@ class Intake:
         self,
         values: Mapping[str, Any],
         now: float,
-        heard: Callable[[str, Any], object] = lambda name, joy: None,
+        heard: Callable[[Kind, str, Any], object] = lambda kind, name, message: None,
     ) -> None:
         self.config = config = mux_config(values)
-        self.arbiter = Arbiter(config, JointLimiter(joint_limits(values)), now)
+        joints, ends = tuple(values['joints']), soft_ends(values)
+        self.ends = EndedLimiter(JointLimiter(joint_limits(values)), ends, joints)
+        self._with_ends = NamedJoints(tuple(joints[n] for n in ends)) if ends else None
+        self.arbiter = Arbiter(config, self.ends, now)
         self.mappings = {each.name: joy_mapping(values, each.name) for each in config.operators}
         self.presses = {
             name: Presses(each.deadman, each.pressed_at) for name, each in self.mappings.items()
@@ -71,11 +75,12 @@ class Intake:
         self._values = values
         self._heard = heard
         self._decision: Decision | None = None  # the last
-        self._named = NamedJoints(tuple(values['joints']))
+        self._named = NamedJoints(joints)
         wheels = DifferentialDrive(
             values['autonomy.wheel_separation'], values['autonomy.wheel_radius']
         )
-        self._of_twist = wheels.demand if values['output'] == 'joints' else forward_and_turn
+        flat = forward_and_turn if len(joints) == 2 else over_the_ground
+        self._of_twist = wheels.demand if values['output'] == 'joints' else flat
 
     @property
     def old_stamps(self) -> dict[str, str]:
@@ -129,15 +134,18 @@ class Intake:
     def _feedback(self, message: Any, now: float) -> bool:
         try:
             speeds = self._named.among(message.name, message.velocity)
+            if self._with_ends is not None:
+                self.ends.hear(self._with_ends.among(message.name, message.position))
         except MalformedInput as error:
             self.arbiter.malformed('feedback', 'feedback', str(error), now)
         else:
             self.arbiter.measured(speeds, now)
+            self._heard('feedback', 'feedback', message)
         return False
 
     def _joy(self, name: str, message: Any, now: float) -> bool:
         stamp, watch = message.header.stamp, self.stamps[name]
-        watch.hear((stamp.sec, stamp.nanosec), now)
+        watch.hear_stamp((stamp.sec, stamp.nanosec), now)
         self.arbiter.set_invalid('operator', name, 'stamps', watch.fault)
         try:
             sample = self.mappings[name].sample(message.axes, message.buttons)
@@ -146,7 +154,7 @@ class Intake:
             return False
         self.arbiter.operator_sample(name, sample, now)
         self.presses[name].hear(message.buttons, now)
-        self._heard(name, message)
+        self._heard('operator', name, message)
         owner = None if self._decision is None else self._decision.owner
         return name == owner and not sample.deadman  # a released deadman is a stop too
 

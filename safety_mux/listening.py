@@ -16,11 +16,12 @@ from bridge_core.lane import owner_of
 from bridge_core.managed_node import ManagedNode
 from bridge_core.proof_topics import PROOF_QOS
 from bridge_core.publishers import PublisherWatch
+from bridge_core.reasons import Coded
 from safety_mux.button import ResetButton
 from safety_mux.device_words import DeviceWords
 from safety_mux.intake import Intake, Listened
 from safety_mux.proofs import proven_nodes, ProvenNode
-from safety_mux.protocol import Kind
+from safety_mux.protocol import Kind, ProofReport, Reply
 
 # A stop must not be overwritten by what follows it before it was read, hence the depth.
 ESTOP_QOS = QoSProfile(depth=100)
@@ -70,9 +71,10 @@ class Subscriptions:
             lost = watch.heard(info['publication_sequence_number'], now)
             if watch.doubled(now):
                 self._look_at(subscription.topic_name, now)
-            elif lost and kind == 'e-stop source' and not self._arbiter.is_proven(kind, name):
+            elif lost and kind == 'e-stop source' and self._is_unproven(kind, name):
                 # What never arrived may have been a stop. A proof would tell.
                 what = f'{lost} messages of {subscription.topic_name} were lost'
+                what = Coded('mux.source.lost', what, topic=subscription.topic_name, lost=lost)
                 self._arbiter.set_invalid(kind, name, 'lost messages', what)
                 self._arbiter.set_invalid(kind, name, 'lost messages', None)
             if take(message, now):
@@ -80,11 +82,16 @@ class Subscriptions:
 
         topic = self._node.values[listened.parameter]
         qos = ESTOP_QOS if message_type == 'Bool' else DEMAND_QOS
-        subscription = self._node.lane.subscribe(_TYPES[message_type], topic, on_message, qos)
+        subscription = self._node.lane.subscribe(
+            _TYPES[message_type], topic, on_message, qos, urgent=kind == 'e-stop source'
+        )
         self._subscriptions.append(subscription)
         self._watches[subscription.topic_name] = (kind, name, watch)
         if not listened.parameter.endswith('own_topic'):
             self.device_words.listen(kind, name, subscription.topic_name)
+
+    def _is_unproven(self, kind: Kind, name: str) -> bool:
+        return self._arbiter.input_of(kind, name).age is None
 
     def _subscribe_proofs(self, node: ProvenNode) -> Any:
         """Listen to the proofs of a node; return the publisher of challenges to it."""
@@ -96,7 +103,9 @@ class Subscriptions:
                 self._decide(now)
 
         topic = f'{node.name}/proof'
-        proofs = self._node.lane.subscribe(UInt8MultiArray, topic, on_proof, PROOF_QOS)
+        proofs = self._node.lane.subscribe(
+            UInt8MultiArray, topic, on_proof, PROOF_QOS, urgent=False
+        )
         self._subscriptions.append(proofs)
         challenges = f'{node.name}/challenge'
         return self._node.create_publisher(UInt8MultiArray, challenges, PROOF_QOS)
@@ -106,11 +115,14 @@ class Subscriptions:
         for node, challenges in self._proven:
             challenges.publish(UInt8MultiArray(data=node.challenge(now)))
 
-    def hear_joy(self, operator: str, message: Any, now: float) -> None:
-        """Note the newest Joy of an operator, as far as its age is proven."""
+    def proofs(self, now: float) -> list[ProofReport]:
+        """Return what is known of nodes that prove how old their words are."""
+        return [node.report(now) for node, _ in self._proven]
+
+    def hear_stamp(self, kind: Kind, name: str, stamp: Any, now: float) -> None:
+        """Note the stamp of the newest message of an input, as far as its age is proven."""
         for node, _ in self._proven:
-            if operator in node.operators:
-                node.joy(operator, message.header.stamp, now)
+            node.hear_stamp(kind, name, stamp, now)
 
     def look_around(self, now: float) -> None:
         """Find topics with two live publishers, or with one that could never be heard."""
@@ -125,7 +137,9 @@ class Subscriptions:
 
     def _look_at(self, topic: str, now: float) -> None:
         kind, name, watch = self._watches[topic]
-        doubled = f'two live publishers on {topic}: stop one of them'
+        doubled = Coded(
+            'input.doubled', f'two live publishers on {topic}: stop one of them', topic=topic
+        )
         self._arbiter.set_invalid(
             kind, name, f'publishers of {topic}', doubled if watch.doubled(now) else None
         )
@@ -193,14 +207,14 @@ class ButtonTopic:
         *,
         stopped: Callable[[], bool],
         stopped_at: Callable[[], float],
-        reset: Callable[[], object],
+        reset: Callable[[], Reply],
         refuse: Callable[[float, str], object],
     ) -> None:
         self._node = node
         self._stopped, self._stopped_at = stopped, stopped_at
         self._reset, self._refuse = reset, refuse
         self._button, self._watch = ResetButton(), PublisherWatch()
-        subscription = node.lane.subscribe(Bool, topic, self.on_message, DEMAND_QOS)
+        subscription = node.lane.subscribe(Bool, topic, self.on_message, DEMAND_QOS, urgent=False)
         self._topic = subscription.topic_name
 
     def on_message(self, message: Any, info: Any) -> None:
@@ -215,7 +229,9 @@ class ButtonTopic:
         if why_not and self._stopped():
             self._refuse(now, f'not reset: the reset button {why_not}')
         else:
-            self._reset()  # also with nothing to reset: by that a script shows itself
+            reply = self._reset()  # also with nothing to reset: by that a script shows itself
+            if reply.ok:
+                self._node.get_logger().info(f'reset button: {reply.message}')
 
     def _trouble(self, sequence_number: int, now: float) -> str:
         """Return why a press does not count at this moment; empty if it does."""

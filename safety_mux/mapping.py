@@ -83,6 +83,11 @@ class JoyMapping:
     :param buttons: least number of buttons of a message, if more than the deadman needs.
     :param pressed_at: least value of a held button. 1 or more; switches with raw values need more
         than 1.
+    :param levels: factors of the demand, each above 0 and at most 1, by the value of
+        ``level_button``: the first one is for 0 and below, the last one for all beyond.
+    :param level_button: index of a button or switch; -1: none, and one level.
+    :param axis_buttons: for each stick the index of a button that has to be held for it to count;
+        -1: none. Empty: none for all.
     :raises ValueError: a value is out of range.
     """
 
@@ -92,6 +97,9 @@ class JoyMapping:
     axes: int = 0
     buttons: int = 0
     pressed_at: int = 1
+    levels: tuple[float, ...] = (1.0,)
+    level_button: int = -1
+    axis_buttons: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.mixing not in ('none', 'tank', 'arcade'):
@@ -108,6 +116,12 @@ class JoyMapping:
             raise ValueError('the least number of axes or buttons must be 0 or more')
         if self.pressed_at < 1:
             raise ValueError(f'pressed_at must be 1 or more, not {self.pressed_at}')
+        if not all(0.0 < level <= 1.0 for level in self.levels):
+            raise ValueError(f'speed_levels must be above 0 and at most 1, not {self.levels}')
+        if (self.level_button >= 0) != (len(self.levels) > 1):
+            raise ValueError('speed_levels of two or more need a speed_button, and it needs them')
+        if self.axis_buttons and len(self.axis_buttons) != len(self.sticks):
+            raise ValueError(f'axis_buttons are for {len(self.sticks)} sticks')
 
     @property
     def joints(self) -> int:
@@ -118,7 +132,8 @@ class JoyMapping:
     def reach(self) -> Demand:
         """The greatest absolute demand of each joint."""
         scales = tuple(abs(stick.scale) for stick in self.sticks)
-        return scales if self.mixing != 'arcade' else (max(scales),) * 2
+        most = scales if self.mixing != 'arcade' else (max(scales),) * 2
+        return tuple(max(self.levels) * each for each in most)
 
     def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
         """
@@ -132,7 +147,7 @@ class JoyMapping:
         return OperatorSample(
             neutral=all(stick.neutral(axes[stick.axis]) for stick in self.sticks),
             deadman=all(held),
-            demand=self._mix(tuple(stick.shape(axes[stick.axis]) for stick in self.sticks)),
+            demand=self._demand(axes, buttons),
             partial=any(held) and not all(held),
         )
 
@@ -140,11 +155,15 @@ class JoyMapping:
         need = max(self.axes, 1 + max(stick.axis for stick in self.sticks))
         if len(axes) < need:
             raise MalformedInput(f'it has {len(axes)} axes, {need} are needed')
-        missing = [index for index in self.deadman if index >= len(buttons)]
-        if missing:
-            raise MalformedInput(
-                f'deadman button {missing[0]} does not exist: it has {len(buttons)} buttons'
-            )
+        for what, indices in (
+            ('deadman', self.deadman),
+            ('speed', (self.level_button,)),
+            ('axis', self.axis_buttons),
+        ):
+            if indices and max(indices) >= len(buttons):
+                raise MalformedInput(
+                    f'{what} button {max(indices)} does not exist: it has {len(buttons)} buttons'
+                )
         if len(buttons) < self.buttons:
             raise MalformedInput(f'it has {len(buttons)} buttons, {self.buttons} are needed')
         for index, value in enumerate(axes):
@@ -153,12 +172,25 @@ class JoyMapping:
                     f'axis {index} is {value}, beyond -{AXIS_LIMIT}...{AXIS_LIMIT}'
                 )
 
+    def _demand(self, axes: Sequence[float], buttons: Sequence[int]) -> Demand:
+        values = tuple(stick.shape(axes[stick.axis]) for stick in self.sticks)
+        if self.axis_buttons:
+            values = tuple(
+                value if index < 0 or buttons[index] >= self.pressed_at else 0.0
+                for value, index in zip(values, self.axis_buttons, strict=True)
+            )
+        demand = self._mix(values)
+        if self.level_button < 0:
+            return demand
+        level = self.levels[min(max(buttons[self.level_button], 0), len(self.levels) - 1)]
+        return tuple(level * each for each in demand)
+
     def _mix(self, values: Demand) -> Demand:
         if self.mixing != 'arcade':
             return values
         forward, turn = values
         left, right = forward - turn, forward + turn
-        most = self.reach[0]
+        most = max(abs(stick.scale) for stick in self.sticks)
         shrink = most / max(abs(left), abs(right), most)
         return left * shrink, right * shrink
 
@@ -201,9 +233,17 @@ def forward_and_turn(linear: Sequence[float], angular: Sequence[float]) -> tuple
     :param linear: m/s along x, y, z. :param angular: rad/s around x, y, z.
     :raises MalformedInput: one of the six is not finite, used or not.
     """
+    forward, _, turn = over_the_ground(linear, angular)
+    return forward, turn
+
+
+def over_the_ground(
+    linear: Sequence[float], angular: Sequence[float]
+) -> tuple[float, float, float]:
+    """Return m/s forward and to the left, and rad/s to the left; as ``forward_and_turn``."""
     if not all(map(math.isfinite, (*linear, *angular))):
         raise MalformedInput(f'the twist is not finite: linear {linear}, angular {angular}')
-    return linear[0], angular[2]
+    return linear[0], linear[1], angular[2]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain, islice
 import math
@@ -14,7 +13,9 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Bool, Header
 
+from bridge_core.cdr import bool_message, joint_state_writer
 from bridge_core.session import Pacer
 from safety_mux.protocol import Demand
 
@@ -26,36 +27,41 @@ class Repeated:
     """
     A topic of one value, published at once on change and repeated each ``period`` s.
 
+    All topics of one period are repeated at the same moments, so that one wake-up hears them.
+
     :param kind: the message's type; one message serves until the value changes.
+    :param lazy: repeat it only while somebody listens. Who comes later gets a latched one.
     """
 
-    def __init__(self, publisher: Any, kind: Any, period: float) -> None:
+    def __init__(self, publisher: Any, kind: Any, period: float, *, lazy: bool = False) -> None:
         self.publisher = publisher
         self._kind = kind
         self._period = period
+        self._lazy = lazy
         self._value: Any = None
         self._message: Any = None
         self._due = -math.inf
 
-    def say(self, value: Any, now: float) -> None:
-        """Publish ``value`` if it is another one, or if it is time to repeat it."""
-        if value != self._value or self._message is None:
-            self._value, self._message = value, self._kind(data=value)
-            self._due = now
+    def say(self, value: Any, now: float) -> bool:
+        """Publish ``value`` if it is another one, or if it is time to; tell whether either is."""
+        changed = value != self._value or self._message is None
+        if changed:
+            self._value = value
+            self._message = bool_message(value) if self._kind is Bool else self._kind(data=value)
         elif now < self._due:
-            return
-        self.publisher.publish(self._message)
-        self._due += self._period
-        if self._due <= now:
-            self._due = now + self._period
+            return False
+        if changed or not self._lazy or self.publisher.get_subscription_count():
+            self.publisher.publish(self._message)
+        self._due = (now // self._period + 1.0) * self._period
+        return True
 
 
 class Command(NamedTuple):
     """
     How a demand becomes a message.
 
-    :param topic: of it. :param type: of it. :param message: makes it of a demand and a stamp; one
-        message serves for all, as publishing copies it.
+    :param topic: of it. :param type: of it. :param message: makes what to publish of a demand and
+        a stamp; one message serves for all, as publishing copies it.
     """
 
     topic: str
@@ -68,23 +74,19 @@ def command_of(values: Mapping[str, Any]) -> Command:
     Return the mux's command, by its parameters.
 
     That of joints is a JointState of velocities or efforts; else it is a Twist or TwistStamped
-    of two joints, m/s forward and rad/s to the left.
+    of two or three joints: m/s forward, with three m/s to the left, rad/s to the left.
     """
     if values['output'] == 'joints':
-        joints, field = JointState(name=values['joints']), values['interface']
-
-        def of_joints(demand: Demand, stamp: Any) -> JointState:
-            joints.header.stamp = stamp
-            setattr(joints, field, array('d', demand))
-            return joints
-
-        return Command('~/command', JointState, of_joints)
+        write = joint_state_writer(values['joints'], values['interface'])
+        return Command('~/command', JointState, lambda demand, stamp: write(stamp, demand))
     twist = Twist()
     stamped = TwistStamped(twist=twist)
     stamped.header.frame_id = values['frame_id']
 
     def of_twist(demand: Demand, stamp: Any) -> Twist:
-        twist.linear.x, twist.angular.z = demand
+        twist.linear.x, *lateral, twist.angular.z = demand
+        if lateral:
+            (twist.linear.y,) = lateral
         return twist
 
     def of_stamped(demand: Demand, stamp: Any) -> TwistStamped:
@@ -105,8 +107,8 @@ class GatedJoy:
     nobody knows its lengths. What he held when he got control is 0 until he has let go of it: an
     axis or a button that is held through a stop moves nothing. Only the deadman is held by then.
 
-    :param publisher: of Joy.
-    :param stamp: returns the time for the header of a neutral one.
+    :param publisher: of Joy; None: nobody is to hear it.
+    :param stamp: returns the time for the header of what goes out now.
     :param deadbands: by index, deflections up to which axes are let go of.
     :param deadband: the same of all other axes.
     :param deadman: indices of its buttons.
@@ -137,7 +139,7 @@ class GatedJoy:
         """Be neutral from now on if ``before``, which this one replaces, was."""
         self._heard = before._heard
 
-    def hear(self, joy: Joy) -> None:
+    def hear_joy(self, joy: Joy) -> None:
         """Take a message, which is well-formed."""
         self._heard = joy
         self._waits = True
@@ -156,9 +158,16 @@ class GatedJoy:
             self._pacer.start(now)
             self.say(now)
 
+    def button(self, index: int) -> int:
+        """Return what is passed on of a button."""
+        if self._heard is None or not (self._is_open and index in self._free_buttons):
+            return 0
+        buttons = self._heard.buttons
+        return int(buttons[index]) if index < len(buttons) else 0
+
     def say(self, now: float) -> None:
         """Publish what was heard since the last time, or what is due while the gate is closed."""
-        if self._heard is None:
+        if self._heard is None or self.publisher is None:
             return
         if self._is_open:
             if self._waits:
@@ -171,7 +180,7 @@ class GatedJoy:
     @property
     def held(self) -> list[str]:
         """The first of what is not passed on because it was held when control began."""
-        if self._heard is None or not self._is_open:
+        if self._heard is None or self.publisher is None or not self._is_open:
             return []
         axes, buttons = range(len(self._heard.axes)), range(len(self._heard.buttons))
         held = chain(
@@ -188,13 +197,33 @@ class GatedJoy:
 
     def _passed(self, joy: Joy) -> Joy:
         return Joy(
-            header=joy.header,
+            header=self._header(joy),
             axes=[v if i in self._free_axes else 0.0 for i, v in enumerate(joy.axes)],
             buttons=[v if i in self._free_buttons else 0 for i, v in enumerate(joy.buttons)],
         )
 
     def _neutral(self, joy: Joy) -> Joy:
-        neutral = Joy(axes=[0.0] * len(joy.axes), buttons=[0] * len(joy.buttons))
-        neutral.header.stamp = self._stamp()
-        neutral.header.frame_id = joy.header.frame_id
-        return neutral
+        return Joy(
+            header=self._header(joy),
+            axes=[0.0] * len(joy.axes),
+            buttons=[0] * len(joy.buttons),
+        )
+
+    def _header(self, joy: Joy) -> Header:
+        return Header(stamp=self._stamp(), frame_id=joy.header.frame_id)
+
+
+class GatedButton:
+    """A button with a name: true while who has control holds it, pressed since he has."""
+
+    def __init__(self, topic: Repeated) -> None:
+        self.topic = topic
+        self._of: list[tuple[GatedJoy, int, int]] = []
+
+    def add(self, gate: GatedJoy, index: int, pressed_at: int) -> None:
+        """Obey a button of an operator, which counts as held from this value on."""
+        self._of.append((gate, index, pressed_at))
+
+    def say(self, now: float) -> None:
+        """Publish it if it has changed, or it is time to."""
+        self.topic.say(any(gate.button(index) >= at for gate, index, at in self._of), now)

@@ -46,13 +46,12 @@ class Run:
 class OwnerInput(Input):
     """An input that can have control: an operator, or autonomy."""
 
-    __slots__ = ('demand', 'name', 'neutral_time', 'rest')
+    __slots__ = ('demand', 'neutral_time', 'rest')
 
     def __init__(
         self, name: str, label: str, timeout: float, neutral_time: float, **options: Any
     ) -> None:
-        super().__init__(label, timeout, **options)
-        self.name = name
+        super().__init__(label, timeout, name=name, **options)
         self.neutral_time = neutral_time
         self.rest = Run(neutral_time)
         self.demand: Demand = ()
@@ -95,6 +94,8 @@ class OperatorInput(OwnerInput):
     cannot take effect in the next tick is dropped. ``holding``: the deadman has been held in
     every sample since. ``acted``: how it showed, since the last tick, that it wants to drive.
     """
+
+    KIND = 'operator'
 
     __slots__ = ('acted', 'holding', 'newest', 'pressed')
 
@@ -162,19 +163,24 @@ class OperatorInput(OwnerInput):
         if self.faults:
             return self.problem(now)
         if not self.at_rest:
-            return f'{self.label} is not at neutral: let go of its sticks and of its deadman'
+            text = f'{self.label} is not at neutral: let go of its sticks and of its deadman'
+            return self._coded('busy', text)
         return None
 
     def advice(self, now: float) -> str:
         """Return what a fresh and valid operator has to do to take control."""
         del now
         if self.rested:
-            return f"press the deadman of '{self.name}' to take control{self.says}"
+            text = f"press the deadman of '{self.name}' to take control{self.says}"
+            return self._coded('press', text, self.device_words)
         if self.newest is not None and self.newest.deadman:
-            return f'{self.label} held its deadman before it could count: release it'
+            text = f'{self.label} held its deadman before it could count: release it'
+            return self._coded('early', text)
         if self.rest.since is None:
-            return f'{self.label} has not been neutral since the last reset or use of its deadman'
-        return f'{self.label} has been neutral for {self.rest_in_words}'
+            text = f'{self.label} has not been neutral since the last reset or use of its deadman'
+            return self._coded('unrested', text)
+        text = f'{self.label} has been neutral for {self.rest_in_words}'
+        return self._coded('resting', text, rest_s=self.rest.length, limit_s=self.neutral_time)
 
     def drop_requests(self) -> None:
         """Drop every earlier request; the input stays fresh."""
@@ -195,6 +201,8 @@ class OperatorInput(OwnerInput):
 
 class AutonomyInput(OwnerInput):
     """The autonomy source. Its neutral is a command of exactly zero."""
+
+    KIND = 'autonomy'
 
     __slots__ = ('selected',)
 
@@ -233,11 +241,13 @@ class AutonomyInput(OwnerInput):
     def advice(self, now: float) -> str:
         """Return what is missing before autonomy, fresh and valid, can be selected."""
         if self.rests(now):
-            return 'call ~/select_autonomy to give autonomy control'
+            return self._coded('select', 'call ~/select_autonomy to give autonomy control')
         if self.rested:
             silent = in_words(self.watchdog.age(now))
-            return f'autonomy has not asked for zero for {silent}: silence is no rest'
-        return f'autonomy has asked for zero for {self.rest_in_words}'
+            text = f'autonomy has not asked for zero for {silent}: silence is no rest'
+        else:
+            text = f'autonomy has asked for zero for {self.rest_in_words}'
+        return self._coded('resting', text)
 
 
 def demand_fault(demand: Demand, joints: int, most: float = math.inf) -> str | None:

@@ -14,7 +14,14 @@ import json
 import re
 from typing import Any
 
-from bridge_core.parameters import check_topic, Parameter, ParameterError, with_named
+from bridge_core.parameters import (
+    check_topic,
+    names_of,
+    Parameter,
+    ParameterError,
+    proofs,
+    with_named,
+)
 from bridge_core.share import shared
 from safety_mux.parameters_of_each import ESTOP, JOINT, OPERATOR, seconds, SPEED_LIMIT
 
@@ -32,8 +39,8 @@ GENERAL = (
     Parameter(
         'rate',
         100.0,
-        "How often the mux decides and repeats its outputs. A stop goes out at once. The drive's "
-        'command_timeout should be several periods.',
+        "How often the mux decides, and commands in motion; several times in the drive's "
+        'command_timeout.',
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -43,8 +50,8 @@ GENERAL = (
     Parameter(
         'heartbeat_rate',
         33.0,
-        "How often ~/estop and ~/enable are repeated, at most at rate. The drive's "
-        'command_timeout should be three periods or more.',
+        'How often ~/estop and ~/enable are repeated, and commands at rest; at most at rate, '
+        "three times in the drive's command_timeout.",
         unit='Hz',
         minimum=20.0,
         maximum=500.0,
@@ -53,9 +60,9 @@ GENERAL = (
     Parameter(
         'output',
         'joints',
-        'joints: ~/command, for drives. Else ~/cmd_vel, for a base controller: joints is '
-        '[linear, angular], m/s forward and rad/s to the left, mixing none; limits and scale have '
-        'no default.',
+        'joints: ~/command, for drives. Else ~/cmd_vel: joints is [linear, angular], m/s forward '
+        'and rad/s to the left, or [linear, lateral, angular], lateral m/s to the left; mixing '
+        'none; limits and scale have no default.',
         choices=('joints', 'twist', 'twist_stamped'),
         fixed=True,
     ),
@@ -76,7 +83,7 @@ GENERAL = (
     Parameter(
         'status_rate',
         10.0,
-        'How often ~/status is repeated. A change of state is published at once.',
+        'How often ~/status is repeated.',
         unit='Hz',
         minimum=1.0,
         maximum=100.0,
@@ -85,8 +92,8 @@ GENERAL = (
     Parameter(
         'drive_enabled_topic',
         DEFAULTS['drive_enabled_topic'],
-        'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once it was heard, '
-        'the command is 0 while it does not say so. Empty: there is none.',
+        'Where the drive says that it is enabled (std_msgs/Bool, repeated). Once heard, the '
+        'command is 0 while it does not say so. Empty: none.',
         check=check_topic,
         fixed=True,
     ),
@@ -95,11 +102,11 @@ GENERAL = (
         0.25,
         'A drive silent for longer counts as not enabled. Three of its periods or more.',
     ),
+    *proofs('the node', 'its topic', 0.25, prefix='drive_enabled_'),
     seconds(
         'clear_time',
         0.5,
-        'How long all stops must have been clear before a reset is accepted. Three periods of '
-        'rate or more.',
+        'How long all stops must have been clear before a reset. Three periods of rate or more.',
         section='times',
     ),
     seconds(
@@ -126,21 +133,19 @@ GENERAL = (
         'stop_time',
         0.5,
         'A stop of category 1 disables after this time. With feedback, joints that do not stand '
-        'this long after control are a stop of all devices.',
+        'by then are a stop of all devices.',
     ),
     seconds(
         'reset_silence',
         5.0,
-        'After a reset in vain, with nothing to reset, none counts until there was none for this '
-        'long.',
+        'After a reset with nothing to reset, none counts until there was none for this long.',
         minimum=0.0,
         maximum=60.0,
     ),
     Parameter(
         'reset_topic',
         '',
-        'Topic of a reset button: std_msgs/Bool, true while it is pressed, at 10 Hz or more. '
-        'Empty: there is none.',
+        'A reset button: std_msgs/Bool, true while it is pressed, at 10 Hz or more. Empty: none.',
         check=check_topic,
         fixed=True,
         section='the reset button',
@@ -148,14 +153,14 @@ GENERAL = (
     Parameter(
         'joints',
         ['left', 'right'],
-        'Names of the joints in ~/command, in this order, as the drive names them.',
+        'Joints in ~/command, in this order, as the drive names them.',
         section='the joints',
     ),
     Parameter(
         'feedback.topic',
         '',
         'Where the joints are measured (sensor_msgs/JointState with the velocity of all joints). '
-        'Empty: they are taken to do what they are told.',
+        'Empty: nowhere. A proven drive tells its age, too: see drive_enabled_age_limit.',
         check=check_topic,
         section='what the joints really do',
     ),
@@ -175,8 +180,8 @@ GENERAL = (
     Parameter(
         'feedback.overspeed_tolerance',
         2.0,
-        'A joint that is faster than commanded by more than this, for overspeed_time, is a stop. '
-        'More than it lags behind a ramp.',
+        'A joint faster than commanded by more than this, for overspeed_time, is a stop. More '
+        'than it lags behind a ramp.',
         unit='rad/s',
         above=0.0,
         maximum=1e6,
@@ -191,19 +196,19 @@ GENERAL = (
     Parameter(
         'speed_limits',
         [''],
-        "Names of speed limits, such as a scanner's slow zone. The least scales all joints.",
+        'Names of speed limits. The least scales all joints.',
         section='how fast, at this moment',
     ),
     Parameter(
         'operators',
         DEFAULTS['operators'],
-        "Names of the operators; [''] for none: then autonomy must be there.",
+        "Names of the operators; [''] for none, if there is autonomy.",
         section='who can drive',
     ),
     Parameter(
         'autonomy.topic',
         '',
-        'Topic of autonomy. Empty: there is none.',
+        'Empty: no autonomy.',
         check=check_topic,
         fixed=True,
         section='autonomy, below every operator',
@@ -211,8 +216,7 @@ GENERAL = (
     Parameter(
         'autonomy.type',
         'Twist',
-        'Message type of autonomy. A twist needs two joints, left and right; a JointState names '
-        'all joints.',
+        'A twist needs two joints, left and right; a JointState names all joints.',
         choices=('Twist', 'TwistStamped', 'JointState'),
         fixed=True,
     ),
@@ -220,7 +224,7 @@ GENERAL = (
     Parameter(
         'autonomy.wheel_separation',
         0.5,
-        'Distance between left and right wheels. Has to be given for Twist and output joints.',
+        'Between left and right wheels. Needed for Twist and output joints.',
         unit='m',
         above=0.0,
         maximum=100.0,
@@ -228,10 +232,40 @@ GENERAL = (
     Parameter(
         'autonomy.wheel_radius',
         0.1,
-        'Radius of the wheels. Has to be given for Twist and output joints.',
+        'Needed for Twist and output joints.',
         unit='m',
         above=0.0,
         maximum=10.0,
+    ),
+    Parameter(
+        'commissioning.report',
+        '',
+        'report.json of rugged_teleop commission. ~/status says whether the parameters are those '
+        'that were tried.',
+        fixed=True,
+        section='what was tried on the machine',
+    ),
+    Parameter(
+        'commissioning.required',
+        False,
+        'Refuse to start unless commissioning.report counts.',
+        fixed=True,
+    ),
+    Parameter(
+        'commissioning.stop_time',
+        0.0,
+        'The trial fails where a joint stands later after a stop. 0: not given; stop_time counts.',
+        unit='s',
+        minimum=0.0,
+        maximum=60.0,
+    ),
+    Parameter(
+        'commissioning.stop_angle',
+        0.0,
+        'The trial fails where a joint turns on further after a stop. 0: not given.',
+        unit='rad',
+        minimum=0.0,
+        maximum=1e6,
     ),
 )
 
@@ -239,6 +273,12 @@ GENERAL = (
 def enabled_topic(drive: str) -> str:
     """Return the parameter that has its topic. :param drive: an e-stop source; '': the one."""
     return f'estop.{drive}.enabled_topic' if drive else 'drive_enabled_topic'
+
+
+def telling_drives(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the drives that say that they are enabled, as ``enabled_topic`` takes them."""
+    names = ('', *names_of(values, 'estop_sources'))
+    return tuple(name for name in names if values[enabled_topic(name)])
 
 
 def parameter_table(given: Mapping[str, Any]) -> tuple[Parameter, ...]:

@@ -5,11 +5,10 @@
 
 from typing import Any
 
-from bridge_core.parameters import check_topic, Parameter
-from bridge_core.proof import PERIOD
+from bridge_core.parameters import check_topic, Parameter, proofs
 from safety_mux.protocol import MOST_OF_A_JOINT
 
-_EACH = 'One for all axes, or one an axis.'
+_EACH = 'One for all, or one an axis.'
 
 
 def seconds(name: str, default: float, description: str, **limits: Any) -> Parameter:
@@ -19,30 +18,11 @@ def seconds(name: str, default: float, description: str, **limits: Any) -> Param
     return Parameter(name, default, description, unit='s', **limits)
 
 
-def _proofs(limit: float) -> tuple[Parameter, ...]:
-    return (
-        Parameter(
-            'proof',
-            'auto',
-            'Whether the node proves how old its words are (~/proof beside its topic), so that no '
-            'delay hides a stop and no lost message is one. auto: once it did; required: always.',
-            choices=('auto', 'required', 'none'),
-        ),
-        seconds(
-            'age_limit',
-            limit,
-            'Oldest that proven words may be, round trip included; older is as good as silent.',
-            minimum=3.0 * PERIOD,
-        ),
-    )
-
-
 JOINT = (
     Parameter(
         'max',
         10.0,
-        'Greatest absolute value that goes out. A demand beyond it reduces all joints of the '
-        'group by the same factor.',
+        'Greatest absolute value. A demand beyond it reduces all joints of the group alike.',
         'rad/s or N·m',
         above=0.0,
         maximum=MOST_OF_A_JOINT,
@@ -74,8 +54,34 @@ JOINT = (
     Parameter(
         'group',
         '',
-        'Joints with the same word are reduced and grow together, so that a curve stays. Another '
-        'word for what moves by itself, such as a mast.',
+        'Joints with the same word are reduced and grow together, so that a curve stays; a mast '
+        'needs another word.',
+    ),
+    Parameter(
+        'position_min',
+        0.0,
+        'Soft end, by the position in feedback.topic: no further, back is free. As position_max: '
+        'no ends.',
+        'rad',
+        minimum=-MOST_OF_A_JOINT,
+        maximum=MOST_OF_A_JOINT,
+    ),
+    Parameter(
+        'position_max',
+        0.0,
+        'The other soft end.',
+        'rad',
+        minimum=-MOST_OF_A_JOINT,
+        maximum=MOST_OF_A_JOINT,
+    ),
+    Parameter(
+        'slow_zone',
+        0.0,
+        'How long before an end the speed begins to fall in proportion to what is left; at least '
+        'max² / deceleration.',
+        'rad',
+        minimum=0.0,
+        maximum=MOST_OF_A_JOINT,
     ),
 )
 
@@ -86,15 +92,15 @@ ESTOP = (
     Parameter(
         'enabled_topic',
         '',
-        'As drive_enabled_topic, which is empty then, of one of several drives. All joints wait '
-        'for each of them.',
+        'As drive_enabled_topic, which is empty then, for each of several drives. All joints wait '
+        'for all.',
         check=check_topic,
     ),
     Parameter(
         'own_topic',
         '',
-        'Topic of what the source demands by itself, without the echo of our own stop. Empty: as '
-        'topic. Where topic is of another node, the default is empty.',
+        'What the source demands by itself, without the echo of our own stop. Empty: as topic; '
+        'the default where topic is of another node.',
         check=check_topic,
     ),
     seconds(
@@ -103,10 +109,10 @@ ESTOP = (
     Parameter(
         'counts',
         'always',
-        'when_owner: this stop counts only while its operator has control, or asks for it.',
+        'when_owner: only while its operator has control, or asks for it.',
         choices=('always', 'when_owner'),
     ),
-    Parameter('operator', '', 'The operator that it belongs to; needed for when_owner.'),
+    Parameter('operator', '', 'Its operator; needed for when_owner.'),
     Parameter(
         'stop_category',
         0,
@@ -114,21 +120,21 @@ ESTOP = (
         minimum=0,
         maximum=1,
     ),
-    *_proofs(0.25),
+    *proofs('the node', 'its topic', 0.25),
 )
 
 SPEED_LIMIT = (
     Parameter(
         'topic',
         '',
-        'Topic of the limit: std_msgs/Float64, 0 to 1, repeated. Needed.',
+        'std_msgs/Float64, 0 to 1, repeated. Needed.',
         check=check_topic,
     ),
     seconds('timeout', 0.25, 'A limit silent for longer is at its lowest.'),
     Parameter(
         'lowest',
         0.0,
-        'What it is, at most, while it is silent or makes no sense. 0 holds the joints.',
+        'What it is at most while silent or senseless. 0 holds the joints.',
         minimum=0.0,
         maximum=1.0,
     ),
@@ -153,14 +159,14 @@ OPERATOR = (
     Parameter(
         'axis',
         [0],
-        "Index in Joy of each axis, as mixing has them: see the remote's page.",
+        "Index in Joy of each axis of mixing: see the remote's page.",
         minimum=0,
         maximum=255,
     ),
     Parameter(
         'scale',
         [1.0],
-        f'Joint value at full deflection, not 0, and not above max of its joint. {_EACH}',
+        f'Joint value at full deflection, not 0, at most max of its joint. {_EACH}',
         'rad/s or N·m',
     ),
     Parameter('inverted', [False], f'Turns the sign round. {_EACH}'),
@@ -181,8 +187,7 @@ OPERATOR = (
     Parameter(
         'deadman_buttons',
         [0],
-        "Indices in Joy of the buttons that must be held to move, all of them: see the remote's "
-        'page.',
+        "Indices in Joy of the buttons that must all be held to move: see the remote's page.",
         minimum=0,
         maximum=255,
     ),
@@ -193,6 +198,34 @@ OPERATOR = (
         minimum=1,
     ),
     Parameter(
+        'speed_levels',
+        [1.0],
+        'Factors of scale, by the value of speed_button: the first for 0 (released), the next '
+        'for 1, the last for all beyond.',
+        above=0.0,
+        maximum=1.0,
+    ),
+    Parameter(
+        'speed_button',
+        -1,
+        'Index in Joy of the button or switch that chooses among speed_levels. -1: none.',
+        minimum=-1,
+        maximum=255,
+    ),
+    Parameter(
+        'axis_buttons',
+        [-1],
+        f'Index in Joy of a button without which the axis counts as let go. -1: none. {_EACH}',
+        minimum=-1,
+        maximum=255,
+    ),
+    Parameter(
+        'buttons',
+        [''],
+        "Such as 'horn=4': ~/button/horn (std_msgs/Bool) is true while he has control and holds "
+        'button 4 of Joy, pressed since then.',
+    ),
+    Parameter(
         'gated_joy',
         False,
         'Publish ~/joy/<name>: his Joy while he has control, else a neutral one.',
@@ -200,8 +233,8 @@ OPERATOR = (
     Parameter(
         'require_moving_stamps',
         False,
-        'A stamp that is not set, or stays the same for timeout, loses the operator. If false, '
-        'one that stays the same is a warning.',
+        'A stamp that is not set, or stays the same for timeout, loses the operator. False: the '
+        'latter is a warning.',
     ),
-    *_proofs(0.5),
+    *proofs('the node', 'its topic', 0.5),
 )

@@ -9,7 +9,7 @@ are seconds of a monotonic clock. A demand is one number a joint, in the joint's
 rad or N·m, by the drive's mode).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, NamedTuple, Protocol
@@ -164,6 +164,32 @@ class Status:
     slowed: tuple[str, ...] = ()
     drives_enabled: bool | None = None
     drives_ready: bool = True
+
+
+class Age(NamedTuple):
+    """How old at most what an input says was lately, and may be, s; infinite: nobody knows."""
+
+    kind: Kind
+    label: str
+    worst: float
+    limit: float
+
+
+class ProofReport(NamedTuple):
+    """
+    What is known of one node's words.
+
+    :param ages: of its inputs that have to be proven. :param of_device: s, how old at most is what
+        the node goes by, as it says: a remote's bridge by its device, a drive by the mux;
+        infinite: unknown. :param bad: messages that were damaged, repeated, or answered nothing.
+    :param creeping: its words grow old, in words; empty: they do not.
+    """
+
+    node: str
+    ages: Sequence[Age]
+    of_device: float
+    bad: tuple[int, int, int]
+    creeping: str
 
 
 def milliseconds(seconds: float) -> str:

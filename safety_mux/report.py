@@ -4,12 +4,16 @@
 """What ``~/status`` says: the whole answer to 'why does it not move?'."""
 
 from collections.abc import Iterable, Mapping, Sequence
+import math
 from typing import Any, NamedTuple
 
 from bridge_core import report
+from bridge_core.reasons import causes, Coded, passed_on, to_values
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
-from safety_mux.protocol import State, Status
+from safety_mux.commissioned import Tried
+from safety_mux.protocol import ProofReport, State, Status
+from safety_mux.reasons import REASONS
 
 # Nodes that look at a command and move nothing by it: the package's own, and tools of ROS.
 _ONLOOKERS = (
@@ -34,6 +38,9 @@ class Surroundings(NamedTuple):
     :param pressed: by operator, which buttons he presses instead of his deadman, in words.
     :param old_stamps: by operator, why it may be gone.
     :param refused_reset: when (s), and what it was answered; None if the last one counted.
+    :param proofs: of nodes that may prove how old their words are.
+    :param tried: what the trial of the machine says of the parameters; None: there is none.
+    :param ends: which joints are near a soft end, in words.
     """
 
     unheard: str
@@ -43,6 +50,9 @@ class Surroundings(NamedTuple):
     pressed: Mapping[str, str]
     old_stamps: Mapping[str, str]
     refused_reset: tuple[float, str] | None
+    proofs: Sequence[ProofReport] = ()
+    tried: Tried | None = None
+    ends: Sequence[str] = ()
 
 
 def unheard(topic: str, listeners: Iterable[str]) -> str:
@@ -61,19 +71,35 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     """Return it; WARN while the machine is kept from moving."""
     inhibits = [*status.inhibits, *_further_inhibits(status, around, now)]
     stopped = status.state is State.STOPPED
-    warnings = [
-        f"operator '{name}' may be gone, and its sender repeat an old message: {why}"
+    warnings: list[str] = [
+        Coded(
+            'mux.operator.may_be_gone',
+            f"operator '{name}' may be gone, and its sender repeat an old message: {why}",
+            operator=name,
+        )
         for name, why in around.old_stamps.items()
     ]
+    warnings += [each.creeping for each in around.proofs if each.creeping]
     values = _fields(status)
     values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
     values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
+    values |= _proven(around.proofs)
     last = status.last_transition
     values['last transition'] = (
         f'{last.before.value} to {last.after.value}, {now - last.at:.1f} s ago: {last.reason}'
     )
+    if around.tried is not None:
+        values['commissioning'] = around.tried.problem or around.tried.words
+        if around.tried.problem:
+            warnings.append(Coded('mux.commissioning', around.tried.problem))
     values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
-    slowed = [each for each in status.slowed if each not in inhibits]
+    for first in causes(inhibits, REASONS)[:1]:
+        values['code'] = getattr(first, 'code', '')
+    values |= to_values([*inhibits, *warnings]) | values
+    limits = [*status.slowed, *around.ends]
+    if limits:
+        values['slowed'] = '; '.join(limits)
+    slowed = [each for each in limits if each not in inhibits]
     moves = f'{status.owner} has control'
     message = '; '.join(['; '.join(inhibits) or moves, *slowed, *warnings])
     if around.refused_reset is not None and stopped:
@@ -97,22 +123,60 @@ def _fields(status: Status) -> dict[str, Any]:
     }
     if status.drives_enabled is not None:
         values['drive enabled'] = status.drives_enabled
-    if status.slowed:
-        values['slowed'] = '; '.join(status.slowed)
     return values | {f'condition of {name}': word for name, word in status.conditions.items()}
+
+
+def _proven(proofs: Iterable[ProofReport]) -> dict[str, Any]:
+    """Return how old at most all was lately that is proven, and all the way of a stop, s."""
+    values: dict[str, Any] = {}
+    remotes, to_wires = [], []
+    for each in proofs:
+        for age in each.ages:
+            values |= {
+                f'proven age of {age.label} (s)': _known(age.worst),
+                f'age limit of {age.label} (s)': age.limit,
+            }
+        if each.ages:
+            values |= {
+                f'proven age of what {each.node} goes by (s)': _known(each.of_device),
+                f'proofs of {each.node} damaged, repeated, unasked': str(each.bad)[1:-1],
+            }
+        of_stops = [age.worst for age in each.ages if age.kind == 'e-stop source']
+        if any(age.kind == 'drive' for age in each.ages):
+            to_wires.append(each.of_device)
+        elif of_stops:
+            remotes.append((max(of_stops), each.of_device))
+    if remotes:
+        to_wire = max(to_wires, default=math.inf)
+        to_mux = max(age for age, _ in remotes)
+        from_button = max(age + of_device for age, of_device in remotes)
+        values |= {
+            'from node to wire, at most (s)': _known(to_mux + to_wire),
+            'from button to wire, at most (s)': _known(from_button + to_wire),
+        }
+    return values
+
+
+def _known(age: float) -> float | str:
+    return age if age < math.inf else 'unknown'
 
 
 def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[str]:
     """Say what else keeps the machine, or a part of it, still, although the arbiter would not."""
-    why = []
+    why: list[str] = []
     if around.button is not None and status.state is State.STOPPED:
-        why.append(f'the reset button {around.button}')
+        why.append(passed_on(around.button, f'the reset button {around.button}'))
     if around.unpublished and not status.state.enables:
         topics = ', '.join(around.unpublished)
-        why.append(f'nobody publishes {topics}: start its node, or correct the topic')
+        text = f'nobody publishes {topics}: start its node, or correct the topic'
+        why.append(Coded('mux.topic.unpublished', text, topics=topics))
     if around.unheard:
         why.append(
-            f'nobody listens to {around.unheard}: is the drive node running and wired to the mux?'
+            Coded(
+                'mux.commands.unheard',
+                f'nobody listens to {around.unheard}: is the drive node running and wired to the '
+                'mux?',
+            )
         )
     elif (
         status.state is State.ACTIVE
@@ -120,17 +184,29 @@ def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[
         and now - status.last_transition.at >= _PATIENCE
     ):
         why.append(
-            'mend what the drive says, here or in /diagnostics; then give control back and '
-            'take it anew'
+            Coded(
+                'mux.drive.disabled',
+                'mend what the drive says, here or in /diagnostics; then give control back and '
+                'take it anew',
+                drive='the drive',
+            )
         )
     if status.state is State.READY:
         why += [
-            f"operator '{name}': {text} (operator.{name}.deadman_buttons)"
+            Coded(
+                'mux.operator.other_buttons',
+                f"operator '{name}': {text} (operator.{name}.deadman_buttons)",
+                operator=name,
+            )
             for name, text in around.pressed.items()
             if text
         ]
     why += [
-        f'~/joy/{name} leaves out what was held before: let go of {", ".join(held)}'
+        Coded(
+            'mux.joy.held',
+            f'~/joy/{name} leaves out what was held before: let go of {", ".join(held)}',
+            operator=name,
+        )
         for name, held in around.held.items()
         if held
     ]

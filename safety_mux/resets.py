@@ -3,6 +3,7 @@
 
 """What the arbiter remembers of resets and trips: which call counts, and what a trip asks for."""
 
+from bridge_core.reasons import Coded
 from safety_mux.protocol import milliseconds, Reply
 from safety_mux.settings import MuxConfig
 
@@ -53,10 +54,11 @@ class ResetCalls:
         silent, limit = now - self.last, self._config.reset_silence
         if silent >= limit:
             return ''
-        return (
+        text = (
             'resets have been called since before the stop, so none counts until there was none '
             f'for {milliseconds(limit)}; the last was {milliseconds(silent)} ago'
         )
+        return Coded('mux.reset.script', text, silent_s=silent, limit_s=limit)
 
 
 class Trip:

@@ -161,6 +161,9 @@ class MuxConfig:
         at once, without a ramp.
     :param drives: names of those that say that they are enabled: the output waits for all.
     :param drive_timeout: seconds after which a drive's word that it is enabled is stale. Above 0.
+    :param drive_proof: of the nodes of drives, as of EStopSource: nothing moves without them.
+    :param drive_age_limit: seconds; beyond that the word of a drive is too old, and what it
+        measures. Above 0.
     :param feedback: None: ``measured`` is never called, and the joints do what they are told.
     :raises ValueError: a value is out of range, a name or priority repeated, an operator unknown;
         there is no e-stop source, or an owner that no e-stop source would stop.
@@ -179,13 +182,16 @@ class MuxConfig:
     torques: bool = False
     drives: tuple[str, ...] = ()
     drive_timeout: float = 0.25
+    drive_proof: ProofPolicy = 'auto'
+    drive_age_limit: float = 0.25
     feedback: Feedback | None = None
     speed_limits: tuple[SpeedLimit, ...] = ()
 
     def __post_init__(self) -> None:
         if self.joints < 1:
             raise ValueError(f'joints must be 1 or more, not {self.joints}')
-        for name in ('clear_time', 'neutral_time', 'stall_limit', 'stop_time', 'drive_timeout'):
+        times = ('clear_time', 'neutral_time', 'stall_limit', 'stop_time')
+        for name in (*times, 'drive_timeout', 'drive_age_limit'):
             _check_seconds(name, getattr(self, name))
         if self.feedback is not None and len(self.feedback.joints) != self.joints:
             raise ValueError(f'feedback is of {len(self.feedback.joints)} joints')

@@ -31,7 +31,7 @@ class StampWatch:
         self._newest = _NONE
         self._text: str | None = None
 
-    def hear(self, stamp: tuple[int, int], now: float) -> None:
+    def hear_stamp(self, stamp: tuple[int, int], now: float) -> None:
         """Take the stamp, in seconds and nanoseconds, of a message that arrived at ``now``."""
         if stamp != self._newest or not self._changed.heard:
             self._changed.feed(now)

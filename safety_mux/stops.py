@@ -5,6 +5,7 @@
 
 import math
 
+from bridge_core.reasons import Coded, passed_on
 from safety_mux.all_inputs import Inputs
 from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import SourceInput
@@ -50,7 +51,8 @@ class Stops(Inputs):
         if self.owner is not None:
             loss = self.owner.problem(now) or self.owner.lapse
             if loss is not None:
-                found.append(Stop(self.owner.label, f'the owner was lost: {loss}'))
+                reason = passed_on(loss, f'the owner was lost: {loss}')
+                found.append(Stop(self.owner.label, reason))
         return found if self.feedback is None else found + self._stops_of(self.feedback, now)
 
     def stop_reasons(self, now: float) -> list[str]:
@@ -72,10 +74,12 @@ class Stops(Inputs):
         gap = now - self._last_tick
         if 0.0 <= gap <= self.config.stall_limit:
             return None
-        return (
+        limit = self.config.stall_limit
+        text = (
             f'this process was frozen: {milliseconds(gap)} between two ticks, '
-            f'limit {milliseconds(self.config.stall_limit)}'
+            f'limit {milliseconds(limit)}'
         )
+        return Coded('mux.frozen', text, gap_s=gap, limit_s=limit)
 
     def counts(self, source: SourceInput, now: float) -> bool:
         """Return whether a source counts: always, or if its operator has or just had control."""

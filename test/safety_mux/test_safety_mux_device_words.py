@@ -32,8 +32,8 @@ class Bench:
     def say(
         self, message: str, level: bytes = OK, node: str = 'x/remote', now: float = 1.0
     ) -> Any:
-        status = SimpleNamespace(name=f'{node}: device', level=level, message=message)
-        waits = self.device.hear([status])
+        status = SimpleNamespace(name=f'{node}: device', level=level, message=message, values=())
+        waits = self.device.hear_diagnostics([status])
         self.device.pass_on(now)
         return waits
 
@@ -64,7 +64,9 @@ def test_words_go_to_the_inputs_of_their_node(
 def test_words_of_others_are_nobodys(bench: Bench) -> None:
     for node in ('remote', 'x/y/remote', 'x'):
         assert not bench.say('ok; in a menu', node=node)
-    assert not bench.device.hear([SimpleNamespace(name='x/remote: link', level=OK, message='x')])
+    assert not bench.device.hear_diagnostics(
+        [SimpleNamespace(name='x/remote: link', level=OK, message='x', values=())]
+    )
     assert bench.words == {}
 
 
@@ -84,11 +86,11 @@ def test_words_end_with_those_that_say_them(bench: Bench) -> None:
 
 def test_words_are_passed_on_once_and_the_newest_only(bench: Bench) -> None:
     for message in ('first', 'second'):
-        status = SimpleNamespace(name='x/remote: device', level=WARN, message=message)
-        assert bench.device.hear([status])
+        status = SimpleNamespace(name='x/remote: device', level=WARN, message=message, values=())
+        assert bench.device.hear_diagnostics([status])
     bench.device.pass_on(1.0)
     assert bench.words == {SOURCE: 'second', OPERATOR: 'second'}
-    assert not bench.device.hear([])
+    assert not bench.device.hear_diagnostics([])
     bench.words.clear()
     bench.device.pass_on(1.0)
     assert bench.words == {}

@@ -120,6 +120,11 @@ NAMED = {'autonomy__type': 'JointState'}
 EFFORT = {**NAMED, 'interface': 'effort', 'feedback__topic': '', **numbers('left', 'right')}
 TWIST = {'output': 'twist', 'joints': ['linear', 'angular'], 'feedback__topic': ''}
 TWIST |= numbers('linear', 'angular')
+OMNI = TWIST | {'joints': ['linear', 'lateral', 'angular'], **numbers('lateral')}
+OMNI |= {'operator__fort__mixing': 'none', 'operator.fort.axis': [1, 0, 3]}
+SIDEWAYS = Twist(linear=Vector3(x=1.0, y=3.0), angular=Vector3(z=2.0))
+ENDS = {f'joint.left.{name}': 5.0 for name in ('position_max', 'slow_zone')}
+PLACED = joints(velocity=[2.0, 9.0, 1.0], position=[8.0, 9.0, 4.0])
 DRIVES = {'drive_enabled_topic': '', 'estop__drive__enabled_topic': '/drive/enabled'}
 JOY = sticks(0.5, deadman=True)
 HELD = OperatorSample(False, True, ((0.5 - 0.05) / (1.0 - 0.05) * 10.0,) * 2)
@@ -142,6 +147,9 @@ NO_STAMP = ('set_invalid', 'operator', 'fort', 'stamps', None)
         ('autonomy.topic', twist(0.0, 1.0), ('autonomy_command', (-2.5, 2.5)), {}),
         ('autonomy.topic', twist(math.nan, 0.0), ('malformed', 'autonomy', 'autonomy'), {}),
         ('autonomy.topic', twist(1.0, 0.5), ('autonomy_command', (1.0, 0.5)), TWIST),
+        ('autonomy.topic', SIDEWAYS, ('autonomy_command', (1.0, 3.0, 2.0)), OMNI),
+        ('feedback.topic', joints(velocity=[2.0, 9.0, 1.0]), ('malformed', 'feedback'), ENDS),
+        ('feedback.topic', PLACED, ('measured', (1.0, 2.0)), ENDS),
         (
             'autonomy.topic',
             TwistStamped(twist=twist(1.0, 0.0)),
@@ -164,7 +172,8 @@ def test_message_is_told_with_its_time(
     assert (name, arguments[-1]) == (told[0], 3.0)
     expected = [pytest.approx(each) if isinstance(each, tuple) else each for each in told[1:]]
     assert arguments[: len(expected)] == expected
-    assert fed.heard == ([('fort', JOY)] if message is JOY else [])
+    stamped = {'operator_sample': ('operator', 'fort'), 'measured': ('feedback', 'feedback')}
+    assert fed.heard == ([(*stamped[told[0]], message)] if told[0] in stamped else [])
 
 
 @pytest.mark.parametrize('state', State)

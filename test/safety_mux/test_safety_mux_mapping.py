@@ -10,7 +10,7 @@ from typing import Any
 from hypothesis import given, strategies as st
 import pytest
 
-from safety_mux.mapping import DifferentialDrive, JoyMapping, NamedJoints, Stick
+from safety_mux.mapping import DifferentialDrive, JoyMapping, NamedJoints, over_the_ground, Stick
 from safety_mux.protocol import MalformedInput, OperatorSample
 
 STRAIGHT = Stick(0, deadband=0.0)
@@ -112,6 +112,56 @@ def test_switch_that_is_not_there_is_not_held() -> None:
     assert not PLAIN.sample([0.0, 0.0], [-1]).deadman
 
 
+LEVELS = JoyMapping(
+    ARCADE.sticks, deadman=(0,), mixing='arcade', levels=(0.2, 0.5, 1.0), level_button=1
+)
+OWN_BUTTON = JoyMapping(PLAIN.sticks, deadman=(0,), axis_buttons=(-1, 2), pressed_at=2)
+
+
+@pytest.mark.parametrize(
+    ('value', 'level'), [(-1, 0.2), (0, 0.2), (1, 0.5), (2, 1.0), (3, 1.0), (1000, 1.0)]
+)
+def test_switch_chooses_how_fast(value: int, level: float) -> None:
+    sent = [0.5, 0.5]
+    sample, full = LEVELS.sample(sent, [1, value]), ARCADE.sample(sent, [1])
+    assert sample.demand == pytest.approx([level * each for each in full.demand])
+    assert (sample.neutral, sample.deadman) == (full.neutral, full.deadman)
+
+
+def test_first_button_serves_like_any_other() -> None:
+    slow = JoyMapping((STRAIGHT,), deadman=(1,), levels=(0.5, 1.0), level_button=0)
+    own = JoyMapping((STRAIGHT,), deadman=(1,), axis_buttons=(0,))
+    assert [slow.sample([1.0], [value, 0]).demand for value in (0, 1)] == [(0.5,), (1.0,)]
+    assert [own.sample([1.0], [value, 0]).demand for value in (0, 1)] == [(0.0,), (1.0,)]
+
+
+def test_twist_over_the_ground_is_forward_left_and_turn() -> None:
+    assert over_the_ground((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == (1.0, 2.0, 6.0)
+
+
+def test_reach_is_that_of_the_fastest_level() -> None:
+    mapping = JoyMapping((STRAIGHT,), deadman=(0,), levels=(0.8, 0.5), level_button=1)
+    assert mapping.reach == (0.8,)
+
+
+@pytest.mark.parametrize(('value', 'demand'), [(0, 0.0), (1, 0.0), (2, 1.0), (3, 1.0)])
+def test_axis_with_a_button_of_its_own_counts_while_that_is_held(
+    value: int, demand: float
+) -> None:
+    sample = OWN_BUTTON.sample([1.0, 1.0], [0, 0, value])
+    assert sample.demand == (1.0, demand)
+    assert not sample.neutral, 'what is held is held, whether it counts or not'
+
+
+@pytest.mark.parametrize(
+    ('mapping', 'words'),
+    [(LEVELS, 'speed button 1 does not exist'), (OWN_BUTTON, 'axis button 2 does not exist')],
+)
+def test_button_that_is_not_there_is_named(mapping: JoyMapping, words: str) -> None:
+    with pytest.raises(MalformedInput, match=words):
+        mapping.sample([0.0, 0.0], [0])
+
+
 @pytest.mark.parametrize(
     ('sent', 'buttons', 'words'),
     [
@@ -164,6 +214,12 @@ def test_any_message_is_a_finite_sample_or_malformed(
         ({'axes': -1}, 'least number'),
         ({'buttons': -1}, 'least number'),
         ({'pressed_at': 0}, 'pressed_at'),
+        ({'levels': (0.5, 1.0)}, 'speed_levels'),
+        ({'level_button': 1}, 'speed_button'),
+        ({'levels': (0.0, 1.0), 'level_button': 1}, 'above 0 and at most 1'),
+        ({'levels': (0.5, 1.1), 'level_button': 1}, 'above 0 and at most 1'),
+        ({'levels': (0.5, math.nan), 'level_button': 1}, 'above 0 and at most 1'),
+        ({'axis_buttons': (1, 2)}, 'axis_buttons are for 1'),
     ],
 )
 def test_senseless_mapping_is_refused(changes: dict[str, Any], words: str) -> None:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-import math
 import time
 from types import SimpleNamespace
 from typing import Any
@@ -17,10 +16,12 @@ from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from hypothesis import given, strategies as st
 import pytest
 from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.time import Time as Clock
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Header
 
+from bridge_core.cdr import bool_message
 from bridge_core.lane import owner_of
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
@@ -29,10 +30,11 @@ from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, StepMux, TICK
 from stage.mux_talkers import NewMux, sticks
 from stage.rig import latched, NodeProcess, Observer
-from stage.talkers import namespace
+from stage.talkers import namespace, values_of
 
 DEADBAND = 0.05
 DEADMAN = 0
+STAMPED = Header(frame_id='remote', stamp=Time(sec=7))
 
 
 def joy(*axes: float, buttons: tuple[int, ...] = (1, 0)) -> Joy:
@@ -52,7 +54,7 @@ class Gate:
         self.messages.append(message)
 
     def hear(self, *axes: float, buttons: tuple[int, ...] = (1, 0)) -> None:
-        self.gate.hear(joy(*axes, buttons=buttons))
+        self.gate.hear_joy(joy(*axes, buttons=buttons))
 
     def tick(self, has_control: bool, dt: float = 0.0) -> list[tuple[list[float], list[int]]]:
         """Return what goes out in a tick ``dt`` s after the last."""
@@ -74,13 +76,17 @@ class Gate:
 class Said:
     """A repeated topic, once a second, and what it has published, with the time."""
 
-    def __init__(self) -> None:
+    def __init__(self, lazy: bool = False) -> None:
         self.messages: list[tuple[float, bool]] = []
-        self.topic = Repeated(self, Bool, 1.0)
+        self.topic = Repeated(self, Bool, 1.0, lazy=lazy)
         self.now = 0.0
+        self.listeners = 0
 
-    def publish(self, message: Bool) -> None:
-        self.messages.append((self.now, message.data))
+    def publish(self, message: Any) -> None:
+        self.messages.append((self.now, message == bool_message(True)))
+
+    def get_subscription_count(self) -> int:
+        return self.listeners
 
     def say(self, *story: tuple[float, bool]) -> list[tuple[float, bool]]:
         for self.now, value in story:
@@ -93,9 +99,68 @@ def test_value_is_said_at_once_and_then_once_in_a_period() -> None:
     assert Said().say(*story) == [(5.0, False), (6.0, False), (7.2, False), (8.0, False)]
 
 
-def test_change_is_said_at_once_and_the_period_begins_with_it() -> None:
-    story = ((0.0, False), (0.4, True), (1.0, True), (1.4, True), (1.5, False), (2.4, False))
-    assert Said().say(*story) == [(0.0, False), (0.4, True), (1.4, True), (1.5, False)]
+def test_change_is_said_at_once_and_topics_of_one_period_are_repeated_together() -> None:
+    story = ((0.0, False), (0.4, True), (0.9, True), (1.0, True), (1.5, False), (2.1, False))
+    assert Said().say(*story) == [s for s in story if s != (0.9, True)]
+    assert Said().say((0.8, True), (0.9, True), (1.0, True)) == [(0.8, True), (1.0, True)]
+
+
+def test_command_is_repeated_with_enable_at_rest_and_at_rate_else(
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
+) -> None:
+    stepped, said = step_mux(), []
+    for where, what, name in (
+        (stepped.mux, '_command', 'command'),
+        (stepped.mux._enable, 'publisher', 'enable'),
+    ):
+        publisher = SimpleNamespace(publish=lambda _, name=name: said.append(name))
+        monkeypatch.setattr(where, what, publisher)
+
+    def in_a_second() -> tuple[int, int]:
+        said.clear()
+        stepped.run(1.0)
+        return said.count('command'), said.count('enable')
+
+    assert in_a_second() == (33, 33)
+    assert stepped.reset().ok
+    stepped.run(LIMIT + 0.1)
+    assert in_a_second() == (33, 33)
+    stepped.joy = sticks(1.0, deadman=True)
+    assert stepped.run(0.2) is State.ACTIVE
+    assert in_a_second() == (100, 33)
+    stepped.stop = True
+    said.clear()
+    stepped.run(TICK)
+    assert said == ['enable', 'command'], 'the first zero goes out at once'
+
+
+def test_takeover_is_logged_and_told_at_once(
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
+) -> None:
+    low = {'topic': 'low/joy', 'priority': 5, 'axis': [1, 0]}
+    named = {f'operator.low.{name}': value for name, value in low.items()}
+    stepped = step_mux(operators=['fort', 'low'], **named)
+    mux, stick = stepped.mux, sticks()
+    said: list[str] = []
+    feed = stepped._feed
+
+    def feed_both(now: float) -> None:
+        feed(now)
+        stepped.topic('operator.low.topic').take(stick, now)
+
+    monkeypatch.setattr(stepped, '_feed', feed_both)
+    monkeypatch.setattr(mux, 'get_logger', lambda: SimpleNamespace(info=said.append))
+    publish = SimpleNamespace(publish=lambda status: said.append(values_of(status)['owner']))
+    stepped.run(2.0)
+    assert stepped.reset().ok
+    stepped.run(2.0)
+    stick = sticks(0.5, deadman=True)
+    assert stepped.run(2.0) is State.ACTIVE
+    monkeypatch.setattr(mux, '_status', publish)
+    said.clear()
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.3) is State.ACTIVE
+    assert said == ["ACTIVE: operator 'fort' took over", 'fort']
 
 
 def test_what_was_due_while_nobody_asked_is_said_once() -> None:
@@ -104,12 +169,63 @@ def test_what_was_due_while_nobody_asked_is_said_once() -> None:
     assert Said().say(*story, (12.0, True), (12.9, True), (13.0, True)) == [*told, (13.0, True)]
 
 
+def test_lazy_topic_is_said_to_nobody_on_change_and_repeated_to_who_listens() -> None:
+    said = Said(lazy=True)
+    alone = ((0.0, True), (1.0, True), (2.5, True), (2.6, False), (4.0, False))
+    assert said.say(*alone) == [(0.0, True), (2.6, False)]
+    said.listeners = 1
+    assert said.say((4.5, False), (5.0, False), (5.5, False))[2:] == [(5.0, False)]
+
+
 # One operator's gate.
 
+# Steps 'hear AXES/BUTTONS', 'open' or 'closed' with the seconds since the last one and what goes
+# out then, if anything does, and 'held' with what is left out, in order.
+CONTROL = 'hear 0 0/1 0; open: 0 0/1 0;'
+GATES = {
+    'nothing goes out before the first message': 'closed .1; open .1; held; closed .1',
+    'each message goes out once and unchanged': f"""{CONTROL} hear .5 -1/1 1; open .01: .5 -1/1 1;
+        open .01; hear .25 0/1 1; open .01: .25 0/1 1; open .01""",
+    'the end of control is neutral at once': f"""{CONTROL} hear .5 .5/1 0; closed: 0 0/0 0;
+        hear .5 .5/1 0; closed; closed .05: 0 0/0 0""",
+    'what was held before control is 0 until let go of': """hear 0 .6/1 1; open: 0 0/1 0;
+        held axis 1, button 1; hear .3 .7/1 1; open .01: .3 0/1 0; hear .3 -.025/1 0;
+        open .01: .3 -.025/1 0; held; hear .3 .5/1 1; open .01: .3 .5/1 1""",
+    'nothing is held back while it is closed': """open; closed; hear 0 .6/1 0; closed .05: 0 0/0 0;
+        held""",
+    'new control forgets what was let go of': f"""{CONTROL} hear 0 .5/1 0; open: 0 .5/1 0;
+        closed: 0 0/0 0; open; hear 0 .5/1 0; open: 0 0/1 0; held axis 1""",
+    'a message may become longer or shorter': f"""{CONTROL} hear .5 .5 .5/1 0;
+        open: .5 .5 0/1 0; hear .5/; open: .5/; closed: 0/""",
+}
 
-def test_nothing_goes_out_before_the_first_message() -> None:
+
+def axes_and_buttons(text: str) -> tuple[list[float], list[int]]:
+    axes, _, buttons = text.partition('/')
+    return [float(each) for each in axes.split()], [int(each) for each in buttons.split()]
+
+
+@pytest.mark.parametrize('name', GATES)
+def test_gate_lets_through(name: str) -> None:
     gate = Gate()
-    assert [gate.tick(control, 0.1) for control in (False, True, False)] == [[], [], []]
+    for step in GATES[name].split(';'):
+        (what, *words), _, sent = (part.split() for part in step.partition(':'))
+        if what == 'hear':
+            axes, buttons = axes_and_buttons(' '.join(words))
+            gate.hear(*axes, buttons=tuple(buttons))
+        elif what == 'held':
+            assert ', '.join(gate.gate.held) == ' '.join(words), step
+        else:
+            went: list[Any] = gate.tick(what == 'open', *map(float, words))
+            expected = [axes_and_buttons(' '.join(sent))] if sent else []
+            assert went == [(pytest.approx(axes), buttons) for axes, buttons in expected], step
+            assert not went or gate.messages[-1].header == STAMPED
+
+
+def test_end_of_control_is_neutral_before_the_tick_goes_on() -> None:
+    gate = Gate().in_control()
+    gate.gate.decide(False, gate.now)
+    assert list(gate.messages[-1].buttons) == [0, 0]
 
 
 @pytest.mark.parametrize('tick', [0.007, 0.01, 0.011])
@@ -121,81 +237,22 @@ def test_neutral_is_repeated_at_20_hz_with_the_lengths_and_the_frame_of_the_last
     sent = [gate.tick(False, tick) for _ in range(round(10.0 / tick))]
     assert 199 <= sum(map(len, sent)) <= 201
     assert [each for each in sent if each][-1] == [([0.0, 0.0, 0.0], [0])]
-    assert gate.messages[-1].header == Header(frame_id='remote', stamp=Time(sec=7))
-
-
-def test_each_message_of_the_owner_is_repeated_once_and_unchanged() -> None:
-    gate = Gate().in_control()
-    for axes in ((0.5, -1.0), (0.25, 0.0)):
-        gate.hear(*axes, buttons=(1, 1))
-        assert gate.tick(True, 0.01) == [(list(axes), [1, 1])]
-        assert gate.messages[-1].header.frame_id == 'remote'
-        assert gate.tick(True, 0.01) == []  # nothing is made up while he is silent
-
-
-def test_end_of_control_is_neutral_at_once_whatever_was_heard_in_that_tick() -> None:
-    gate = Gate().in_control()
-    gate.hear(0.5, 0.5)
-    assert gate.tick(False) == [([0.0, 0.0], [0, 0])]
-    gate.hear(0.5, 0.5)
-    assert gate.tick(False) == []
-    assert gate.tick(False, 0.05) == [([0.0, 0.0], [0, 0])]
-
-
-def test_end_of_control_is_neutral_before_the_tick_goes_on() -> None:
-    gate = Gate().in_control()
-    gate.gate.decide(False, gate.now)
-    assert list(gate.messages[-1].buttons) == [0, 0]
-
-
-def test_axis_and_button_that_were_held_before_control_are_zero_until_let_go_of() -> None:
-    gate = Gate()
-    gate.hear(0.0, 0.6, buttons=(1, 1))
-    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
-    assert gate.gate.held == ['axis 1', 'button 1']
-    gate.hear(0.3, 0.7, buttons=(1, 1))
-    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.0], [1, 0])]
-    gate.hear(0.3, -DEADBAND / 2, buttons=(1, 0))
-    gate.tick(True, 0.01)
-    assert gate.gate.held == []
-    gate.hear(0.3, 0.5, buttons=(1, 1))
-    assert gate.tick(True, 0.01) == [([pytest.approx(0.3), 0.5], [1, 1])]
-
-
-def test_nothing_is_held_back_before_the_first_message_nor_while_the_gate_is_closed() -> None:
-    gate = Gate()
-    gate.tick(True)
-    assert gate.gate.held == []
-    gate.tick(False)
-    gate.hear(0.0, 0.6)
-    gate.tick(False)
-    assert gate.gate.held == []
+    assert gate.messages[-1].header == STAMPED
 
 
 def test_axis_is_let_go_of_at_the_deadband_which_is_zero_if_none_is_given() -> None:
     wide, none = GatedJoy(Said(), Time, deadband=0.5), GatedJoy(Said(), Time)
     for gate, held in ((wide, []), (none, ['axis 0'])):
-        gate.hear(joy(0.5, 0.0, buttons=()))
+        gate.hear_joy(joy(0.5, 0.0, buttons=()))
         gate.decide(True, 0.0)
         assert gate.held == held
 
 
 def test_wide_deadband_of_one_stick_is_that_of_no_other() -> None:
     gate = GatedJoy(Said(), Time, deadbands={0: 0.5}, deadband=0.05)
-    gate.hear(joy(0.45, 0.45, buttons=()))
+    gate.hear_joy(joy(0.45, 0.45, buttons=()))
     gate.decide(True, 0.0)
     assert gate.held == ['axis 1']
-
-
-def test_stop_and_new_control_forget_what_was_let_go_of() -> None:
-    gate = Gate().in_control()
-    gate.hear(0.0, 0.5)
-    gate.tick(True)
-    gate.tick(False)
-    assert gate.tick(True) == []  # nothing new, all at the same time
-    gate.hear(0.0, 0.5)
-    assert gate.tick(True) == [([0.0, 0.0], [1, 0])]
-    assert gate.gate.held == ['axis 1']
 
 
 def test_what_is_left_out_is_named_in_part() -> None:
@@ -210,15 +267,6 @@ def test_gate_that_replaces_another_is_neutral_from_its_first_tick_on() -> None:
     before, after = Gate().in_control(), Gate()
     after.gate.continue_from(before.gate)
     assert after.tick(False) == [([0.0, 0.0], [0, 0])]
-
-
-def test_message_that_becomes_longer_or_shorter_is_passed_on() -> None:
-    gate = Gate().in_control()
-    gate.hear(0.5, 0.5, 0.5)
-    assert gate.tick(True) == [([0.5, 0.5, 0.0], [1, 0])]
-    gate.hear(0.5, buttons=())
-    assert gate.tick(True) == [([0.5], [])]
-    assert gate.tick(False) == [([0.0], [])]
 
 
 axes = st.lists(st.sampled_from([0.0, 0.04, -0.04, 0.5, -1.0]), max_size=3)
@@ -245,7 +293,7 @@ def test_nothing_moves_without_control_nor_what_was_held_when_it_began(
         before, was = len(gate.messages), control
         if kind == 'hear':
             newest = joy(*rest[0], buttons=tuple(rest[1]))
-            gate.gate.hear(newest)
+            gate.gate.hear_joy(newest)
             note()
         else:
             control = kind == 'tick' and rest[0]
@@ -286,7 +334,7 @@ def test_command_of_joints_has_their_names_the_field_of_the_interface_and_the_st
     command = command_of(values('joints'))
     assert command.topic == '~/command'
     command.message((9.0, 9.0, 9.0), Time())
-    message = command.message((1.0, -2.0, 0.5), STAMP)
+    message = deserialize_message(command.message((1.0, -2.0, 0.5), STAMP), JointState)
     assert list(message.name) == ['left', 'right', 'mast']
     assert list(message.effort) == [1.0, -2.0, 0.5]
     assert not message.velocity
@@ -306,6 +354,12 @@ def test_twist_is_forward_and_turn_and_nothing_else(output: str) -> None:
     assert message == Twist(linear=Vector3(x=0.5), angular=Vector3(z=-0.25))
 
 
+def test_twist_of_three_joints_goes_sideways_too() -> None:
+    command = command_of(values('twist') | {'joints': ['linear', 'lateral', 'angular']})
+    message = command.message((0.5, 0.125, -0.25), STAMP)
+    assert message == Twist(linear=Vector3(x=0.5, y=0.125), angular=Vector3(z=-0.25))
+
+
 # The node.
 
 
@@ -323,7 +377,7 @@ def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(contex
         gate = mux._gated_joys['fort']
         said: list[Any] = []
         gate.publisher = SimpleNamespace(publish=said.append)
-        gate.hear(sticks(0.5, deadman=True))
+        gate.hear_joy(sticks(0.5, deadman=True))
         gate.decide(True, 1.0)
         gate.say(1.0)
         mux.destroy_node()
@@ -492,6 +546,42 @@ def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
     mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
 
 
+def test_button_with_a_name_is_true_while_its_owner_holds_it_and_pressed_it_in_control(
+    observer: Observer, new_mux: NewMux
+) -> None:
+    mux = new_mux(operator__fort__buttons=['horn=2'])
+    record = observer.record(Bool, f'{mux.name}/button/horn')
+
+    def is_said(value: bool) -> None:
+        mux.wait(lambda: record.messages and record.last.data is value, f'the horn: {value}')
+
+    def pressed(horn: int, deadman: bool = True) -> Joy:
+        message = sticks(deadman=deadman)
+        message.buttons[2] = horn
+        return message
+
+    mux.ready()
+    mux.joy.message = pressed(1)  # before control and with it
+    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
+    mux.wait(lambda: len(record.messages) > 10, 'the horn, again and again')
+    assert not any(each.data for each in record.messages)
+    mux.joy.message = pressed(0)
+    mux.joy.say()
+    mux.joy.message = pressed(1)
+    is_said(True)
+    mux.joy.message = pressed(0)
+    is_said(False)
+    mux.joy.message = pressed(1)
+    is_said(True)
+    mux.fort_estop.publisher.publish(Bool(data=True))
+    is_said(False)
+    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
+    record.clear()
+    mux.wait(lambda: len(record.messages) > 5, 'its repeats')
+    assert not any(each.data for each in record.messages)
+    assert f'{mux.name}/joy/fort' not in dict(observer.node.get_topic_names_and_types())
+
+
 # A base controller instead of drives.
 
 BASE: dict[str, Any] = {
@@ -544,29 +634,6 @@ def test_operator_drives_a_base_by_forward_and_turn(
         stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
         assert all(a < b for a, b in pairwise(stamps))
         assert mux.command.last.header.frame_id == 'base_link'
-
-
-def test_autonomy_passes_x_and_yaw_through_and_keeps_the_curve_at_the_limit(
-    new_mux: NewMux,
-) -> None:
-    mux = new_mux(
-        output='twist_stamped',
-        autonomy__topic='plan',
-        autonomy__type='TwistStamped',
-        **BASE,
-    )
-    plan = mux.talker(TwistStamped, 'plan', TwistStamped())
-    mux.ready()
-    mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
-    assert mux.select_autonomy().success
-    for asked, expected in (((0.5, -0.25), (0.5, -0.25)), ((2.0, 1.0), (1.0, 0.5))):
-        plan.message = TwistStamped(
-            twist=Twist(linear=Vector3(x=asked[0]), angular=Vector3(z=asked[1]))
-        )
-        mux.wait(lambda e=expected: mux.demand == pytest.approx(e), f'{expected}')
-        assert mux.command.last.header.stamp != Time()  # not the planner's
-    plan.message = TwistStamped(twist=Twist(linear=Vector3(x=0.5, y=math.nan)))
-    mux.stopped_since(time.monotonic())
 
 
 @pytest.mark.parametrize('category', [0, 1])

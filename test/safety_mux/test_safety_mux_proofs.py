@@ -5,26 +5,34 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from bridge_core.parameters import MANAGED_PARAMETERS, ParameterError, resolve
-from bridge_core.proof import PERIOD, TOGETHER_TIME, Writer
+from bridge_core.proof import Heard, PERIOD, TOGETHER_TIME, Writer
 from safety_mux.arbiter import Arbiter
 from safety_mux.configuration import check
+from safety_mux.inputs import DriveInput, SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.parameters import parameter_table
 from safety_mux.proofs import proven_nodes, SILENCE
-from safety_mux.protocol import OperatorSample, State
+from safety_mux.protocol import Age, OperatorSample, ProofReport, State
+from safety_mux.report import report_of, Surroundings
 from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
 
 STEP = 0.01
 LIMIT, JOY_LIMIT = 0.25, 0.5
 REST = OperatorSample(neutral=True, deadman=False, demand=(0.0,))
 DRIVE = OperatorSample(neutral=False, deadman=True, demand=(1.0,))
+GIVEN = {'estop_sources': ['fort'], 'drive_enabled_topic': '', 'estop.fort.own_topic': ''}
 TOPICS = {'estop.fort.topic': '/fort/estop', 'operator.fort.topic': '/fort/joy'}
+
+
+def values_of(given: dict[str, Any]) -> dict[str, Any]:
+    return resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
 
 
 class Plant:
@@ -39,8 +47,9 @@ class Plant:
         limiter = JointLimiter((JointLimit(10.0, 100.0, 100.0),))
         self.now = 64.0
         self.arbiter = Arbiter(config, limiter, self.now)
-        (self.node,) = proven_nodes(self.arbiter, TOPICS, str)
+        (self.node,) = proven_nodes(self.arbiter, values_of(GIVEN | TOPICS), str)
         self.writer = Writer(7)
+        self.writer.age = 0.125
         self.proves = proves
         self.stop = False
         self.sample = REST
@@ -98,7 +107,7 @@ class Plant:
         else:
             stamp, sample = contents
             self.arbiter.operator_sample('fort', sample, self.now)
-            self.node.joy('fort', stamp, self.now)
+            self.node.hear_stamp('operator', 'fort', stamp, self.now)
 
     @property
     def state(self) -> State:
@@ -233,7 +242,8 @@ def test_plain_message_stops_but_releases_nothing_of_a_node_that_proves() -> Non
 
 def test_two_nodes_of_one_name_are_a_stop_that_says_so() -> None:
     plant = Plant().drive()
-    plant.node.hear(Writer(8).proof(plant.now), plant.now)
+    assert plant.node.hear(Writer(8).proof(plant.now), plant.now)
+    assert plant.node.report(plant.now).of_device == plant.writer.age  # not as the other says
     plant.step()
     assert plant.state is State.STOPPED
     plant.sample = REST
@@ -256,19 +266,151 @@ def test_node_that_was_restarted_is_a_stop() -> None:
     plant.drive()
 
 
-def test_topic_of_another_kind_or_without_proofs_has_no_reader() -> None:
-    sources = (EStopSource('a'), EStopSource('b', proof='none'))
-    config = MuxConfig(joints=1, sources=sources, autonomy=Autonomy())
+def test_node_has_one_reader_for_all_that_it_is_and_who_proves_nothing_has_none() -> None:
+    sources = (EStopSource('base'), EStopSource('plc'), EStopSource('old'))
+    config = MuxConfig(joints=1, sources=sources, autonomy=Autonomy(), drives=('',))
     arbiter = Arbiter(config, JointLimiter((JointLimit(1.0, 1.0, 1.0),)), 0.0)
-    topics = {'estop.a.topic': '/plc/stop', 'estop.b.topic': '/b/estop'}
-    assert proven_nodes(arbiter, topics, str) == []
+    given = {
+        'estop_sources': ['base', 'plc', 'old'],
+        'operators': [''],
+        'estop.base.topic': '/base/estop',
+        'drive_enabled_topic': '/base/enabled',
+        'estop.plc.topic': '/plc/stop',
+        'estop.old.topic': '/old/estop',
+        'estop.old.proof': 'none',
+        'autonomy.topic': '/plan',
+        'autonomy.type': 'JointState',
+    }
+    (node,) = proven_nodes(arbiter, values_of(given), str)
+    assert (node.name, node.inputs) == ('/base', [('e-stop source', 'base'), ('drive', '')])
+    writer = Writer(7)
+    for enable in (True, False):
+        writer.say(estop=False, own_estop=False, enable=enable)
+        node.hear(writer.proof(1.0), 1.0)
+        assert arbiter.drives[''].value is enable
+    assert not arbiter.sources['base'].value
+
+
+# A drive's word that it is enabled.
+
+
+def drive(proof: Any) -> DriveInput:
+    sources = (EStopSource('fort'),)
+    return DriveInput('', MuxConfig(1, sources, autonomy=Autonomy(), drive_proof=proof))
+
+
+def proven(enable: bool, as_of: float) -> Heard:
+    return Heard(False, False, False, False, enable, 0, as_of)
 
 
 @pytest.mark.parametrize(
-    ('parameter', 'topic'), [('estop.fort', '/plc/stop'), ('operator.fort', '/pad/joysticks')]
+    ('proof', 'story', 'ready', 'words'),
+    [
+        ('auto', [], True, ''),  # it may have no such topic
+        ('required', [], False, 'silent'),
+        ('auto', [True], True, ''),
+        ('required', [True], False, 'its node proves no age'),
+        ('auto', [proven(True, 1.0)], True, ''),
+        ('auto', [proven(False, 1.0), True], False, ''),  # alone it enables nothing
+        ('auto', [proven(True, 1.0), False, True], False, ''),
+        ('auto', [proven(True, 1.0), False, proven(True, 1.0)], True, ''),
+        ('auto', [proven(True, 1.0 - LIMIT - 0.125)], False, 'up to 375 ms old, limit 250 ms'),
+        ('auto', [proven(True, -math.inf)], False, 'its node proves no age'),
+    ],
 )
-def test_proofs_that_nobody_would_look_for_are_not_waited_for(parameter: str, topic: str) -> None:
-    given = {f'{parameter}.topic': topic, f'{parameter}.proof': 'required'}
-    values = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
+def test_drive_is_ready_by_its_newest_word_that_is_young_enough(
+    proof: str, story: list[Any], ready: bool, words: str
+) -> None:
+    each = drive(proof)
+    for word in story:
+        if isinstance(word, Heard):
+            each.proof(word, 1.0)
+        else:
+            each.enabled(word, 1.0)
+    each.ticked()
+    assert each.ready(1.0) is ready
+    problem = each.problem(1.0)
+    assert words in (problem or '')
+    assert ready or words or problem is None
+
+
+def test_words_that_were_old_between_two_ticks_are_a_stop_though_they_are_young_again() -> None:
+    source = SourceInput(EStopSource('fort', age_limit=LIMIT))
+    source.proof(proven(False, 1.0), 1.0)
+    source.ticked()
+    source.estop(False, 1.25)  # neither silent nor stale
+    source.proof(proven(False, 1.375), 1.375)
+    assert 'was old: what it says is up to 375 ms old' in (source.stop_reason(1.375) or '')
+
+
+# What the status says of it.
+
+
+def test_words_that_grow_old_are_warned_of_from_half_of_the_limit_on() -> None:
+    plant = Plant().drive()
+    plant.run(2.0)  # a proof has just come
+    assert plant.node.report(plant.now).ages[0].worst == pytest.approx(PERIOD)
+    warned: list[bool] = []
+    for plant.delay in (0.06, 0.08, 0.06, 0.0):
+        plant.run(3.0)
+        warned.append(bool(plant.node.report(plant.now).creeping))
+    assert warned == [False, True, True, False]
+    assert plant.state is State.ACTIVE
+
+
+def fort(of_device: float) -> ProofReport:
+    ages = [Age('e-stop source', "e-stop source 'fort'", 0.125, 0.25)]
+    return ProofReport('/fort', ages, of_device, (1, 2, 3), '')
+
+
+def base(of_mux: float) -> ProofReport:
+    return ProofReport('/base', [Age('drive', 'the drive', 0.25, 0.5)], of_mux, (0, 0, 4), '')
+
+
+@pytest.mark.parametrize(
+    ('reports', 'from_node', 'from_button'),
+    [
+        ([fort(0.5), base(0.0625)], 0.1875, 0.6875),
+        (
+            [fort(math.inf), base(0.0625)],
+            0.1875,
+            'unknown',
+        ),
+        (
+            [fort(0.5), base(math.inf)],
+            'unknown',
+            'unknown',
+        ),
+        ([fort(0.5)], 'unknown', 'unknown'),
+        ([base(0.0625)], None, None),
+    ],
+)
+def test_status_adds_up_the_way_from_button_to_wire(
+    reports: list[ProofReport], from_node: Any, from_button: Any
+) -> None:
+    plant = Plant()
+    around = Surroundings('', (), None, {}, {}, {}, None, reports)
+    values = report_of(plant.arbiter.status(plant.now), around, plant.now).values
+    assert values.get('from node to wire, at most (s)') == from_node
+    assert values.get('from button to wire, at most (s)') == from_button
+    for each in reports:
+        assert values[f'proofs of {each.node} damaged, repeated, unasked'] == str(each.bad)[1:-1]
+        for age in each.ages:
+            assert values[f'proven age of {age.label} (s)'] == age.worst
+            assert values[f'age limit of {age.label} (s)'] == age.limit
+
+
+@pytest.mark.parametrize(
+    ('topic', 'policy', 'name'),
+    [
+        ('estop.fort.topic', 'estop.fort.proof', '/plc/stop'),
+        ('operator.fort.topic', 'operator.fort.proof', '/pad/joysticks'),
+        ('drive_enabled_topic', 'drive_enabled_proof', '/plc/drives_on'),
+    ],
+)
+def test_proofs_that_nobody_would_look_for_are_not_waited_for(
+    topic: str, policy: str, name: str
+) -> None:
+    given = {topic: name, policy: 'required'}
     with pytest.raises(ParameterError, match='there is no ~/proof beside it'):
-        check(values, str)
+        check(values_of(given), str)

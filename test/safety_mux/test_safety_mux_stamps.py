@@ -12,7 +12,7 @@ SAME = 'its stamp has been the same for'
 
 def hear(watch: StampWatch, *stamps: int, every: float = 0.1) -> StampWatch:
     for n, stamp in enumerate(stamps):
-        watch.hear((stamp, 0), n * every)
+        watch.hear_stamp((stamp, 0), n * every)
     return watch
 
 
@@ -36,18 +36,18 @@ def test_stamp_that_stays_the_same_is_a_fault_or_a_warning(before: tuple[int, ..
     assert (required.fault, required.warning) == (text, None)
     other = hear(StampWatch(0.25, required=False), *before, 5, 5, 5, 5)
     assert (other.fault, other.warning) == (None, text)
-    other.hear((6, 0), 1.0)
+    other.hear_stamp((6, 0), 1.0)
     assert other.warning is None
 
 
 def test_stamp_counts_with_its_nanoseconds_and_up_to_its_timeout() -> None:
     watch = StampWatch(0.25, required=True)
     for n in range(10):
-        watch.hear((1, n), 0.2 * n)
+        watch.hear_stamp((1, n), 0.2 * n)
         assert watch.fault is None
-    watch.hear((1, 9), 1.8 + 0.24)
+    watch.hear_stamp((1, 9), 1.8 + 0.24)
     assert watch.fault is None
-    watch.hear((1, 9), 1.8 + 0.25)
+    watch.hear_stamp((1, 9), 1.8 + 0.25)
     assert watch.fault is not None
 
 

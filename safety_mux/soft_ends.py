@@ -1,0 +1,109 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Soft ends: a joint is slower before the end of its way, and goes no further; back is free."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+from bridge_core.reasons import Coded
+from safety_mux.protocol import Demand, Limiter
+
+
+@dataclass(frozen=True, slots=True)
+class SoftEnds:
+    """
+    The way that a joint has, in rad.
+
+    :param least: where it ends on the negative side. :param most: on the positive one; above it.
+    :param slow_zone: how long before an end it begins to be slower: its speed falls in proportion
+        to what is left. Above 0.
+    :param magnitude: its greatest speed, rad/s. Above 0.
+    :raises ValueError: a value is out of range.
+    """
+
+    least: float
+    most: float
+    slow_zone: float
+    magnitude: float
+
+    def __post_init__(self) -> None:
+        if not -math.inf < self.least < self.most < math.inf:
+            raise ValueError(f'position_min {self.least} must be below position_max {self.most}')
+        if not 0.0 < self.slow_zone < math.inf:
+            raise ValueError(f'slow_zone must be above 0 rad, not {self.slow_zone}')
+
+    def limited(self, speed: float, position: float) -> float:
+        """Return what is left of a speed at this position; away from an end all of it."""
+        left = self.most - position if speed > 0.0 else position - self.least
+        allowed = self.magnitude * min(max(left / self.slow_zone, 0.0), 1.0)
+        return math.copysign(min(abs(speed), allowed), speed) + 0.0 if speed else 0.0
+
+
+class EndedLimiter:
+    """
+    A limiter whose targets keep to the soft ends; see ``Limiter``.
+
+    A joint whose position was not heard does not move.
+
+    :param ends: by the joint's place in a demand; joints without have none.
+    :param names: of all joints, for words.
+    """
+
+    def __init__(
+        self, limiter: Limiter, ends: Mapping[int, SoftEnds], names: Sequence[str]
+    ) -> None:
+        self._limiter = limiter
+        self.ends = ends
+        self._names = names
+        self._positions: dict[int, float] = {}
+        self._held: dict[int, float] = {}  # the share of the last target that is left of it
+
+    def hear(self, positions: Sequence[float]) -> None:
+        """Take the positions of the joints that have ends, rad, in their order."""
+        self._positions = dict(zip(self.ends, positions, strict=True))
+
+    @property
+    def words(self) -> list[str]:
+        """Say which joints an end slows down or holds."""
+        return [
+            Coded(
+                'mux.limit.end',
+                f"joint '{self._names[n]}' is at {self._positions[n]:.3g} rad, near its end: "
+                + ('only back' if share == 0.0 else f'{100.0 * share:.0f} % of its speed'),
+                joint=self._names[n],
+            )
+            for n, share in self._held.items()
+            if n in self._positions
+        ]
+
+    @property
+    def output(self) -> Demand:
+        """The last output."""
+        return self._limiter.output
+
+    def step(self, target: Demand, dt: float, scale: float = 1.0) -> Demand:
+        """Return the next output on the way to what the ends leave of the target."""
+        if not self.ends:
+            return self._limiter.step(target, dt, scale)
+        wanted = list(target)
+        self._held = {}
+        for n, end in self.ends.items():
+            position, speed = self._positions.get(n), wanted[n] * scale
+            if not math.isfinite(speed):
+                continue  # counts as zero
+            allowed = 0.0 if position is None else end.limited(speed, position)
+            if allowed != speed:
+                self._held[n] = allowed / speed
+                wanted[n] = allowed / scale
+        return self._limiter.step(tuple(wanted), dt, scale)
+
+    def ramp(self, dt: float, stop_time: float) -> Demand:
+        """Return the next output of a ramp to zero."""
+        return self._limiter.ramp(dt, stop_time)
+
+    def reset(self) -> None:
+        """Set the output to zero at once."""
+        self._held = {}
+        self._limiter.reset()
