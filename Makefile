@@ -3,10 +3,11 @@
 # user-mode-linux and iproute2, those in a browser chromium; make test says what is missing.
 #
 #   make demo              simulators, stack and a live view; ARGS=--once plays the scripted scene
-#   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time
+#   make test              ARGS='-k fort -x' and the like go to pytest; WORKERS=0 for one test at a time; ROS=kilted
 #   make lint              ruff and mypy
 #   make proof             all the evidence, a day, into build/proof.json; goes on where it was; ARGS=states is every
 #                          state of each world of docs/assurance.md but one, minutes
+#   make case              check the safety case: each claim has evidence that passed lately; ARGS=--run
 #   make fuzz              hostile inputs, hours; ARGS='--count 100000 ssc' and the like
 #   make mutants           plant faults in what decides, hours; ARGS='safety_mux/limits.py --sample 50' and the like
 #   make campaign          harm the running system, 20 times in each way; ARGS='-n 5 SIGKILL' or 'random -n 1000'
@@ -18,6 +19,7 @@
 #   make dist-check        install sdist and wheel into clean environments, and start every command there
 #   make lock              pin by hash what requirements*.txt come to; needs Python 3.10 to 3.13
 #   make sbom              write sbom.cdx.json (CycloneDX)
+#   make release           gather in build/release what an assessor wants; the safety case has to hold
 #   make clean             remove what these targets made, .venv included
 
 PYTHON ?= python3
@@ -25,7 +27,9 @@ ARGS ?=
 HOURS ?= 1
 # Most tests wait most of the time: more of them at once than there are processors. One worker computes.
 WORKERS ?= 6
-VENV := .venv
+# Which ROS 2 comes as wheels. One that is not Jazzy is a rehearsal, in an environment of its own, not pinned by hash.
+ROS ?= jazzy
+VENV := .venv$(addprefix -,$(filter-out jazzy,$(ROS)))
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Sphinx needs no ROS, and of this package the words of messages alone.
@@ -41,7 +45,7 @@ demo test campaign soak: export PYTHONDONTWRITEBYTECODE =
 # The messages of nodes import numpy, whose threads spin at each start: a quarter of a second of work.
 demo test: export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test proof fuzz mutants lint bench bench-check campaign soak reference docs dist-check lock sbom clean
+.PHONY: demo test proof case fuzz mutants lint bench bench-check campaign soak reference docs dist-check lock sbom release clean
 
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
@@ -51,6 +55,9 @@ test: $(STAMP)
 
 proof: $(STAMP)
 	$(BIN)/python -m assurance.proof $(ARGS)
+
+case: $(STAMP)
+	$(BIN)/python -m assurance.case $(ARGS)
 
 fuzz: $(STAMP)
 	$(BIN)/python -m assurance.fuzz $(ARGS)
@@ -88,18 +95,21 @@ lock:
 sbom:
 	PYTHON='$(PYTHON)' .ci/sbom
 
+release: $(STAMP)
+	.ci/release
+
 # Everything is read anew (-E), for a page that was read before would not warn again.
 docs: $(DOCS_VENV)/.ready
-	$(DOCS_VENV)/bin/sphinx-build -E -q -n -W --keep-going -c docs -d $(SITE)/.doctrees . $(SITE)
+	$(DOCS_VENV)/bin/sphinx-build -E -q -n -W --keep-going -d $(SITE)/.doctrees . $(SITE)
 	@echo $(SITE)/index.html
 
 clean:
-	rm -rf $(VENV) $(DOCS_VENV) $(SITE) build dist sbom.cdx.json install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* $(SITE) build dist sbom.cdx.json install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Made anew, not mended, whenever what it is made from has changed.
 $(STAMP): requirements.txt requirements-dev.txt requirements-locked.txt requirements-ros-locked.txt setup.py setup.cfg pyproject.toml .ci/make_venv
-	PYTHON='$(PYTHON)' .ci/make_venv $(VENV)
+	PYTHON='$(PYTHON)' .ci/make_venv $(VENV) $(ROS)
 	@touch $@
 
 $(DOCS_VENV)/.ready: requirements-docs.txt

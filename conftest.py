@@ -41,6 +41,8 @@ for _number in ENDING:
         signal.signal(_number, signal.SIG_DFL)
 # No Debian package has these. make test does, colcon test with what rosdep installs goes without.
 _NEEDING = {
+    'gpiod': ['test_io_gpio.py', 'test_io_node.py'],
+    'pymodbus': ['test_io_modbus.py', 'test_io_node.py', 'test_io_session.py'],
     'cantools': ['test_akron_dbc.py', 'test_fort_vsc_dbc.py'],
     'j1939': ['test_can_neighbour.py'],
     'mcap': [

@@ -34,6 +34,8 @@ setup(
     # What one node or command alone needs.
     extras_require={
         'completion': ['argcomplete>=3'],
+        'gpio': ['gpiod>=2.1'],
+        'modbus': ['pymodbus>=3.11,<4'],
         'page': ['aiohttp>=3.9'],
         'plot': ['matplotlib>=3.6'],
         'record': ['mcap>=1.2', 'mcap-ros2-support>=0.5'],
@@ -57,6 +59,7 @@ setup(
             'akron_can_bridge = akron_can_bridge.device:DEVICE',
             'esi_drive_bridge = esi_drive_bridge.device:DEVICE',
             'fort_vsc_bridge = fort_vsc_bridge.device:DEVICE',
+            'io_bridge = io_bridge.device:DEVICE',
             'ssc_bridge = ssc_bridge.device:DEVICE',
             'vm110_bridge = vm110_bridge.device:DEVICE',
         ],
@@ -70,6 +73,7 @@ setup(
             'akron_can_bridge = akron_can_bridge.node:main',
             'esi_drive_bridge = esi_drive_bridge.node:main',
             'fort_vsc_bridge = fort_vsc_bridge.node:main',
+            'io_bridge = io_bridge.node:main',
             'rugged_teleop = rugged_teleop.__main__:main',
             'rugged_teleop_stack = rugged_teleop.stack:main',
             'safety_mux = safety_mux.node:main',

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         signal.signal(number, lambda number, frame: sys.exit(128 + number))
     try:
         with contextlib.ExitStack() as exits:
-            stage = _open(exits, options.patience)
+            stage = open_stage(exits, options.patience)
             if options.once:
                 scene = Scene(stage, options.patience, timed=not options.untimed)
                 if scene.play(partial(print, flush=True)):
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
 
 
-def _open(exits: contextlib.ExitStack, patience: float) -> DemoStage:
+def open_stage(exits: contextlib.ExitStack, patience: float) -> DemoStage:
     """Return the stage, in a ROS domain and a folder of its own. :raises DemoError: it fails."""
     folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix='rugged_teleop_demo_')))
     os.environ['ROS_LOG_DIR'] = str(folder / 'log')

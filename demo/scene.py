@@ -345,17 +345,25 @@ class Scene(Actuators):
         self.unit_says(since, _reports(BuState.ARMED))
         return since
 
-    def _hold_unit(self) -> float:
+    def _hold_unit(self) -> None:
         """
         Hold the VM-110's deadman, with its stick pushed the other way than FORT's.
 
         Return once the mux knows: what it hears after FORT has let go would be a new press.
         """
+
+        def hold() -> None:
+            """Where it was disarmed on the way, which ends no motion of FORT's, arm it first."""
+            is_armed = self.stage.is_clear(UNIT)
+            if not is_armed:
+                self.acknowledge_and_rearm()
+            self.deadman(is_armed, VM110)
+
         self.deadman(True, VM110)
         since = self.stage.unit.apply('stick 1 2 -0.6')
-        said = self.unit_says(since, lambda vrpi: bool(vrpi.switches[0] and vrpi.joysticks[1]))
-        self.wait(lambda: self.stage.condition(f"operator '{VM110}'") == 'in use')
-        return said
+        self.unit_says(since, lambda vrpi: bool(vrpi.switches[0] and vrpi.joysticks[1]))
+        word = partial(self.stage.condition, f"operator '{VM110}'")
+        self.wait(lambda: word() == 'in use', lambda: f'{VM110}: {word()}', meanwhile=hold)
 
     def keep_fort(self, act: Callable[[], object]) -> str:
         """Let the VM-110 do something while FORT drives; watch that FORT keeps control."""

@@ -45,16 +45,26 @@ _TIMEOUTS = {
     VSC: {**TIMEOUTS[VSC], 'software_estop_timeout': 0.25},
     UNIT: {**TIMEOUTS[UNIT], 'hold_output_timeout': 0.25},
     DRIVE: TIMEOUTS[DRIVE],
-    MONITOR: {'link_timeout': 0.3, 'command_timeout': 0.15, 'estop_in_timeout': 0.25},
-    SSC: {'link_timeout': 0.25, 'command_timeout': 0.25},
+    MONITOR: {
+        'link_timeout': 0.3,
+        'command_timeout': 0.15,
+        'estop_in_timeout': 0.25,
+        'age_limit': 0.25,
+    },
+    SSC: {'link_timeout': 0.25, 'command_timeout': 0.25, 'age_limit': 0.25},
     MUX: {
         **TIMEOUTS[MUX],
         'estop.ssc.timeout': 0.25,
+        'estop.ssc.age_limit': 0.25,
+        'operator.vm110.age_limit': 0.5,
+        'operator.ssc.age_limit': 0.5,
         'operator.vm110.timeout': 0.25,
         'operator.ssc.timeout': 0.25,
         'speed_limit.zone.timeout': 0.25,
     },
 }
+# A brake that falls within 0.05 s and takes off 40 rad/s² of each joint: 0.55 s from full speed.
+MACHINE = ('winding * 0', 'brake * 0.8 0.05')
 SHUT_US = 1000  # the throttle's failsafe; see CONFIG
 SERVO = 'throttle'  # as config/demo.yaml names it
 FULL_SPEED = 20.0  # rad/s of the joints, at which it is open
@@ -143,7 +153,10 @@ class DemoStage(Stage):
     ) -> None:
         super().__init__(folder, observer, ESTOPS.values())
         self.is_patient = patience > 1.0
-        self.drive.exchange(DriveSimulator(command_timeout=0.1 * patience))
+        drive = DriveSimulator(command_timeout=0.1 * patience)
+        for line in MACHINE:
+            drive.apply(line)
+        self.drive.exchange(drive)
         self.unit = self.add(MulticastDevice(UnitSimulator(), free_port()))
         self.monitor = self.add(CanBusDevice(MonitorSimulator(), free_channel()))
         self.ssc = self.add(Device(folder / 'ssc', _ssc_simulator()))

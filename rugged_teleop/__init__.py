@@ -2,3 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """The commands around the nodes: the stack in one process, the simulated devices."""
+
+import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type

@@ -20,8 +20,13 @@ from rugged_teleop.command_line import complete, completes, Parser, standard_str
 # By name: what it does, and the module whose main(arguments, prog) does it.
 COMMANDS = {
     'bench': ('one joint of a device moves for some seconds, without a mux', 'bench.main'),
+    'commission': (
+        'a trial of the machine, measured, that leaves a report to sign',
+        'commission.main',
+    ),
     'decode': ('what a capture says: bytes, hex, candump, python-can, pcap', 'decode.main'),
     'doctor': ('why it does not work: ports, devices, parameters, ROS', 'doctor.main'),
+    'ledger': ('starts, resets, stops: who and why, in a file that is checked', 'ledger.main'),
     'page': ('the status page: may it move, who has control, what to do', 'page'),
     'policy': ('what SROS 2 has to allow the nodes of a parameter file', 'policy'),
     'record': ('keep the last minute, and write it at every stop', 'recorder.main'),
@@ -44,12 +49,6 @@ rugged_teleop COMMAND --help says more, with examples. Others are the package's 
 """
 
 
-def usage() -> str:
-    """Return the help."""
-    lines = (f'  {name:10} {text}' for name, (text, _) in COMMANDS.items())
-    return _USAGE.format(commands='\n'.join(lines), executables=', '.join(executables()))
-
-
 def executables() -> dict[str, metadata.EntryPoint]:
     """Return what runs besides the commands, such as the nodes, by its name."""
     try:
@@ -67,7 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _complete(os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' '))
     name, *rest = (sys.argv[1:] if arguments is None else arguments) or ['']
     if name in ('-h', '--help'):
-        print(usage(), end='')
+        lines = (f'  {name:10} {text}' for name, (text, _) in COMMANDS.items())
+        names = ', '.join(executables())
+        print(_USAGE.format(commands='\n'.join(lines), executables=names), end='')
         sys.exit(0)
     if name not in COMMANDS:
         others = executables()

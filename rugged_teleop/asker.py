@@ -1,19 +1,19 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ROS side of ``rugged_teleop reset`` and the like: one service, or one topic, of one node."""
+"""The ROS side of commands: a node for a while, and what asks one service or topic of another."""
 
 from __future__ import annotations
 
 import math
-from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
@@ -23,36 +23,61 @@ from bridge_core.runner import avoid_shared_memory
 _STEP = 0.05  # s
 _MEET_TIME = 0.5  # s in which a node gets to know who asks
 _ASK_PERIOD = 1.0  # s
+_VisitorT = TypeVar('_VisitorT', bound='Visitor')
 
 
-class Asker:
+class Visitor:
     """
-    A node that asks another one; use it as a context manager.
+    A node for a while, in a context of its own, with no parameters and no log; a context manager.
+
+    :param name: of the node; one that begins with an underscore is hidden from lists.
+    :param signals: who handles SIGINT and SIGTERM; ROS ends its waits by default.
+    """
+
+    def __init__(
+        self, name: str, signals: SignalHandlerOptions = SignalHandlerOptions.ALL
+    ) -> None:
+        avoid_shared_memory()
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=signals)
+        options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
+        self.node = Node(name, context=self._context, use_global_arguments=False, **options)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def spin_once(self, seconds: float) -> None:
+        """Process one message or response; wait for it for so long at most."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def __enter__(self: _VisitorT) -> _VisitorT:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+class Asker(Visitor):
+    """
+    Asks another node.
 
     :param node: its full name. :param name: of its service or topic.
     :param wait: seconds, for all of it.
     """
 
     def __init__(self, node: str, name: str, wait: float) -> None:
-        avoid_shared_memory()
+        super().__init__(f'_rugged_teleop_{name}')
         self._full, self._name = f'{node}/{name}', name
         self._wait = wait
         self._end = clock.now() + wait
-        self._context = Context()
-        rclpy.init(args=[], context=self._context)
-        options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
-        self._node = Node(
-            f'_rugged_teleop_{name}', context=self._context, use_global_arguments=False, **options
-        )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
 
-    def hear(self) -> dict[str, str] | None:
+    def hear_status(self) -> dict[str, str] | None:
         """Return the values of the next ~/status; None if none comes."""
         heard: list[Any] = []
-        self._node.create_subscription(DiagnosticStatus, self._full, heard.append, latched_qos())
+        self.node.create_subscription(DiagnosticStatus, self._full, heard.append, latched_qos())
         while not heard and clock.now() < self._end:
-            self._executor.spin_once(timeout_sec=_STEP)
+            self.spin_once(_STEP)
         return {pair.key: pair.value for pair in heard[0].values} if heard else None
 
     def ask(self, *, repeats: bool) -> tuple[bool, str]:
@@ -62,7 +87,7 @@ class Asker:
         :param repeats: call it again while no answer comes, and at once: the answer to a call that
             comes before the node knows us is lost.
         """
-        client = self._node.create_client(Trigger, self._full)
+        client = self.node.create_client(Trigger, self._full)
         calls: list[Any] = []
         due: float | None = None  # none while the service is not there
         while (now := clock.now()) < self._end:
@@ -73,14 +98,14 @@ class Asker:
             elif now >= due:
                 calls.append(client.call_async(Trigger.Request()))
                 due = now + _ASK_PERIOD if repeats else math.inf
-            self._executor.spin_once(timeout_sec=_STEP)
+            self.spin_once(_STEP)
             for reply in (call.result() for call in calls if call.done()):
                 return reply.success, reply.message
         return False, f'{self._full} was asked, and has not answered' if calls else ''
 
     def absence(self) -> str:
         """Say that nothing of the kind is there, and where there is."""
-        found = self._node.get_topic_names_and_types() + self._node.get_service_names_and_types()
+        found = self.node.get_topic_names_and_types() + self.node.get_service_names_and_types()
         kinds = ('diagnostic_msgs/msg/DiagnosticStatus', 'std_srvs/srv/Trigger')
         nodes = sorted(
             name.removesuffix(f'/{self._name}')
@@ -91,16 +116,3 @@ class Asker:
         if nodes:
             hint = f'there is {", ".join(nodes)}, see --node'
         return f'nothing answers at {self._full} within {self._wait:g} s; {hint}'
-
-    def __enter__(self) -> Asker:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()

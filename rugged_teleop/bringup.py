@@ -75,7 +75,11 @@ def processes(
     :raises ValueError: the file is none, or what is asked for cannot be.
     """
     nodes = nodes_of(file, namespace)
-    given = _given_ports(nodes, {name: port for name, port in (ports or {}).items() if port})
+    given: dict[str, Values] = {}
+    for argument, port in (ports or {}).items():
+        if port:
+            kind, parameter = PORTS[argument]
+            given.setdefault(_the_only(kind, nodes, argument), {})[parameter] = port
     if simulated and given:
         raise ValueError(f'{next(iter(given))} is simulated: give it no port of a real device')
     monitor = _the_only('akron_can_bridge', nodes, 'cmd_joy') if cmd_joy else ''
@@ -85,8 +89,9 @@ def processes(
     for node in nodes:
         values = dict(given.get(node, {}))
         if simulated and _name_of(node) != _MUX:
-            device, values = simulation.of(node)
-            devices.append(_simulator(node, device))
+            device, values = simulation.device_of(node)
+            command = (*RUN_MODULE, 'rugged_teleop', 'simulate', *device)
+            devices.append(Process(f'{node}: device', command, respawn=False))
         if not autostart:
             values['autostart'] = False
         own = _resolved(node, file, values, folder) if values else file
@@ -149,15 +154,6 @@ def _above(namespace: str) -> str:
     return '/' + namespace.strip('/') if namespace.strip('/') else ''
 
 
-def _given_ports(nodes: Iterable[str], ports: Mapping[str, str]) -> dict[str, Values]:
-    """Return the parameters by node. :raises ValueError: none or several are meant."""
-    result: dict[str, Values] = {}
-    for argument, port in ports.items():
-        name, parameter = PORTS[argument]
-        result.setdefault(_the_only(name, nodes, argument), {})[parameter] = port
-    return result
-
-
 def _the_only(name: str, nodes: Iterable[str], argument: str) -> str:
     """Return the node that an argument is for. :raises ValueError: none or several are meant."""
     meant = [node for node in nodes if _name_of(node) == name]
@@ -213,11 +209,6 @@ def _node_process(node: str, file: Path, rules: Iterable[str]) -> Process:
     return Process(node, (*RUN_MODULE, module, '--ros-args', *words), respawn=True)
 
 
-def _simulator(node: str, device: Iterable[str]) -> Process:
-    command = (*RUN_MODULE, 'rugged_teleop', 'simulate', *device)
-    return Process(f'{node}: device', command, respawn=False)
-
-
 class _Simulation:
     """
     Where simulated devices are: on this machine, whatever the file says.
@@ -230,38 +221,28 @@ class _Simulation:
         self._channels: dict[tuple[str, str], str] = {}
         self._ports: set[int] = set()  # given to somebody who will open them
 
-    def of(self, node: str) -> tuple[list[str], Values]:
+    def device_of(self, node: str) -> tuple[list[str], Values]:
         """Return the arguments of ``simulate``, and the parameters by which its node finds it."""
         name = _name_of(node)
         values = parameters_for(node, [self._file])
-        port, words, own = devices()[name].simulation(values)
-        if port == 'multicast':
-            words, place = self._multicast(words)
-        elif port == 'can':
-            words, place = self._can(words, values)
+        kind, words, own = devices()[name].simulation(values)
+        place: Values
+        if kind == 'multicast':
+            port = self._port()
+            where = ['--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
+            place = {'group': GROUP, 'input_port': port, 'interface_address': LOOPBACK}
+            place['allowed_sources'] = ['']
+        elif kind == 'can':
+            bus = (values.get('interface', 'socketcan'), values.get('channel', 'can0'))
+            if bus not in self._channels:
+                self._channels[bus] = channel_of(self._port())
+            channel = self._channels[bus]
+            where = ['--interface', INTERFACE, '--channel', channel]
+            place = {'interface': INTERFACE, 'channel': channel, 'bitrate': 0}
         else:
             path = str(_place(self._folder, node))
-            words, place = (*words, '--port', path), {'port': path}
-        return [*words], {**place, **own}
-
-    def _can(self, device: Iterable[str], values: Values) -> tuple[tuple[str, ...], Values]:
-        bus = (values.get('interface', 'socketcan'), values.get('channel', 'can0'))
-        if bus not in self._channels:
-            self._channels[bus] = channel_of(self._port())
-        channel = self._channels[bus]
-        words = (*device, '--interface', INTERFACE, '--channel', channel)
-        return words, {'interface': INTERFACE, 'channel': channel, 'bitrate': 0}
-
-    def _multicast(self, device: Iterable[str]) -> tuple[tuple[str, ...], Values]:
-        port = self._port()
-        place = ['--port', str(port), '--group', GROUP, '--interface-address', LOOPBACK]
-        words = (*device, *place)
-        return words, {
-            'group': GROUP,
-            'input_port': port,
-            'interface_address': LOOPBACK,
-            'allowed_sources': [''],
-        }
+            where, place = ['--port', path], {'port': path}
+        return [*words, *where], {**place, **own}
 
     def _port(self) -> int:
         port = free_port(self._ports)

@@ -6,6 +6,7 @@
 import argparse
 from collections.abc import Iterator
 import contextlib
+from datetime import datetime
 import errno
 import importlib.util
 import os
@@ -81,7 +82,10 @@ def standard_streams(prog: str) -> Iterator[None]:
         if not is_of_output(error):
             raise
         for stream in (sys.stdout, sys.stderr):
-            _leave(stream)
+            try:
+                stream.flush()
+            except OSError:  # it takes no more, and would be flushed again as it is closed
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         if error.errno == errno.EPIPE:
             ended = error.__context__  # by its own word, and only what it had printed was left
             sys.exit(ended.code if isinstance(ended, SystemExit) else 0)
@@ -92,14 +96,6 @@ def standard_streams(prog: str) -> Iterator[None]:
 def is_of_output(error: BaseException) -> bool:
     """Tell whether an error says that an output has lost its reader, or has no room."""
     return isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.ENOSPC)
-
-
-def _leave(stream: Any) -> None:
-    """Have a stream that takes nothing any more write to nowhere, as it will when it is closed."""
-    try:
-        stream.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def full_name(text: str) -> str:
@@ -125,3 +121,13 @@ def complete(parser: argparse.ArgumentParser, words: int) -> None:
 
     os.environ['_ARGCOMPLETE'] = str(words)  # how many words it leaves out
     argcomplete.autocomplete(parser)
+
+
+def moment(at: float) -> str:
+    """Return date and time. :param at: seconds since 1970."""
+    return datetime.fromtimestamp(at).astimezone().isoformat(' ', 'milliseconds')
+
+
+def time_of_day(at: float) -> str:
+    """Return the time. :param at: seconds since 1970."""
+    return moment(at).partition(' ')[2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import socket
 
-from bridge_core.share import shared
+from bridge_core.share import loopback_profiles
 
 _DOMAINS = range(1, 102)  # 101 is the last whose ports are clear of the ephemeral ones
 FIRST_PORT, PORTS = 7400, 250  # of DDS, and how many each domain has
@@ -39,8 +39,7 @@ def _stay_on_this_machine() -> None:
     os.environ.pop('ROS_LOCALHOST_ONLY', None)  # rcl adds shared memory to any profile for it
     if os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp').startswith('rmw_fastrtps'):
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
-        os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = str(shared('config/fastdds_loopback.xml'))
-        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = os.environ['FASTDDS_DEFAULT_PROFILES_FILE']
+        os.environ |= loopback_profiles()
     else:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 

@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop stat
 
     with Asker(options.node, command.name, options.wait) as asker:
         if command.name == 'status':
-            status = asker.hear()
+            status = asker.hear_status()
             done, text = status is not None, _told(status or {})
         else:
             done, text = asker.ask(repeats=command.repeats)
@@ -116,16 +116,20 @@ def _told(values: Mapping[str, Any]) -> str:
     """Return the values of ~/status in lines, with the remedy of each inhibit."""
     if not values:
         return ''
-    from bridge_core.share import shared
-    from rugged_teleop.status_page.remedies import Remedies
+    from bridge_core.reasons import advice, from_values
+    from rugged_teleop.reasons import catalogue
 
-    remedies = Remedies(shared('docs/inhibits.md').read_text(encoding='utf-8'))
     owner = values.get('owner', 'none')
     lines = [values.get('state', '?') + ('' if owner == 'none' else f': {owner} has control')]
-    for key, text in values.items():
-        if key.startswith(('inhibit ', 'warning ')) or key == 'slowed':
-            to_do = remedies.of(text)
-            lines.append(f'- {text}' + (f'\n    -> {to_do}' if to_do else ''))
+    texts = [
+        text
+        for kind in ('inhibit ', 'warning ', 'slowed')
+        for key, text in values.items()
+        if key.startswith(kind)
+    ]
+    for reason in from_values(values, texts):
+        code, to_do = getattr(reason, 'code', ''), advice(reason, catalogue())
+        lines.append(f'- {reason}' + (f'\n    -> {to_do} [{code}]' if to_do else ''))
     if 'last reset' in values:
         lines.append(f'last reset: {values["last reset"]}')
     return '\n'.join(lines)

@@ -38,12 +38,9 @@ def parser(prog: str) -> Parser:
     result = Parser(prog=prog, description=__doc__, epilog=_EXAMPLES.format(prog=prog))
     result.add_argument('file', type=Path, metavar='FILE', help='parameters, as for the stack')
     add = result.add_argument
-    add('--namespace', type=_namespace, default='/', help='of sections that name none (/)')
+    text = 'of sections that name none (/)'
+    add('--namespace', type=lambda name: name if name == '/' else full_name(name), help=text)
     return result
-
-
-def _namespace(text: str) -> str:
-    return text if text == '/' else full_name(text)
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop policy') -> None:
@@ -53,7 +50,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop poli
     from rclpy.exceptions import ParameterException  # late: the help needs no ROS
 
     try:
-        print(policy(given.file, given.namespace), end='')
+        print(policy(given.file, given.namespace or '/'), end='')
     except (ValueError, ParameterException, RuntimeError) as error:  # the last: of rcl
         print(f'{prog}: {" ".join(str(error).split())}', file=sys.stderr)
         sys.exit(2)

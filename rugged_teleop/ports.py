@@ -19,7 +19,6 @@ import queue
 import random
 import threading
 import time
-from types import TracebackType
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from bridge_core.transports import Transport, TransportError
@@ -179,12 +178,7 @@ class DevicePort(ABC):
     def __enter__(self: _PortT) -> _PortT:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _recorded(self, direction: str, since: float) -> list[Chunk]:
@@ -306,7 +300,10 @@ class DevicePort(ABC):
                 return False
             request()
         if self.plugged and readable and not self._stalled:
-            self._read()
+            for data in self._read_port():
+                now = time.monotonic()
+                self._record('in', Chunk(now, data))
+                self._lines['in'].put(data, now)
         self._exchange(time.monotonic())
         return True
 
@@ -322,8 +319,13 @@ class DevicePort(ABC):
         for frame in frames:
             self._lines['out'].put(self._pack(frame), now)
         for data in self._lines['out'].take(now):
-            if self.plugged:  # it may go while it is written to
-                self._write(data)
+            if not self.plugged:  # it may go while it is written to
+                continue
+            at = time.monotonic()  # before: the host may have it before the call returns
+            written = self._write_port(data)
+            if written:
+                self._record('out', Chunk(at, data[:written]))
+            self._lost_bytes += len(data) - written
 
     def _wait(self) -> bool:
         """Sleep until something is to be done; tell whether the host has said something."""
@@ -338,19 +340,6 @@ class DevicePort(ABC):
         if self._wake_fd in found:
             os.eventfd_read(self._wake_fd)
         return active and host in found
-
-    def _read(self) -> None:
-        for data in self._read_port():
-            now = time.monotonic()
-            self._record('in', Chunk(now, data))
-            self._lines['in'].put(data, now)
-
-    def _write(self, data: bytes) -> None:
-        at = time.monotonic()  # before: the host may have it before the call returns
-        written = self._write_port(data)
-        if written:
-            self._record('out', Chunk(at, data[:written]))
-        self._lost_bytes += len(data) - written
 
     def _record(self, direction: str, chunk: Chunk) -> None:
         with self._records_lock:

@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 import json
-from typing import Any, BinaryIO
-
-from mcap.records import Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from mcap_ros2.decoder import DecoderFactory
-import zstandard
+from typing import Any, BinaryIO, TYPE_CHECKING
 
 from rugged_teleop.recorder.folder import PARAMETERS_OF
+
+if TYPE_CHECKING:  # whoever reads none can do without these packages
+    from mcap.records import Channel, Message, Schema
+    from mcap_ros2.decoder import DecoderFactory
 
 _LARGEST = 1 << 28  # bytes of a record: more is damage
 _ROS2 = ('cdr', 'ros2msg')  # encodings of a message and of its definition
@@ -60,6 +59,10 @@ class Cut:
 
 def read(file: BinaryIO) -> Iterator[Said | Parameters | Cut]:
     """Yield what a recording has, in its order; one that was never finished as far as it goes."""
+    from mcap.records import Channel, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap_ros2.decoder import DecoderFactory
+
     records = StreamReader(file, record_size_limit=_LARGEST, validate_crcs=True).records
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -118,6 +121,8 @@ def _said(
 def _cdr(data: bytes) -> bytes:
     """Return a message as it was sent. :raises ValueError: it does not begin as one."""
     if data.startswith(_ZSTD):  # rosbag2's compression of each message
+        import zstandard
+
         if zstandard.get_frame_parameters(data).content_size > _LARGEST:
             raise ValueError('too large')
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST)

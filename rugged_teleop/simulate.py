@@ -11,7 +11,8 @@ when it leaves.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+import json
 import os
 from pathlib import Path
 import signal
@@ -37,6 +38,8 @@ examples:
   {prog} fort_vsc --port /tmp/fort_vsc
   {prog} vm110 --verbose
   {prog} akron --type 1042
+  {prog} esi_drive --port /tmp/esi_drive --apply 'inertia * 0.01' --apply 'brake * 0.5 0.05'
+  {prog} esi_drive --port /tmp/esi_drive --as acme-7/report.json
   echo 'fault a overcurrent on' | {prog} esi_drive --port /tmp/esi_drive
 """
 _VERBOSE_PERIOD = 0.1
@@ -67,6 +70,14 @@ def parser(prog: str = 'simulate') -> Parser:
         simulated.options(device)
         device.add_argument('--seed', type=int, help='makes drop and corrupt repeat themselves')
         device.add_argument('--verbose', action='store_true', help='print what changes')
+        device.add_argument(
+            '--apply', action='append', default=[], metavar='LINE', help='obey this to begin with'
+        )
+        if simulated.as_measured:
+            device.add_argument(
+                '--as', type=Path, dest='report', help='be as commission measured it; report.json'
+            )
+            device.add_argument('--node', default='', help='whose, where the report has several')
     return result
 
 
@@ -103,8 +114,43 @@ _PORT_OPTIONS = {
 }
 
 
-def _plug_in(options: argparse.Namespace) -> DevicePort:
+def plug_in(options: argparse.Namespace) -> DevicePort:
     """Make a device with its port. :raises OSError, ValueError: that cannot be."""
+    lines = [*_as_measured(options), *options.apply]
+    port = _plug_in(options)
+    try:
+        port.apply(*lines)
+    except ValueError:
+        port.close()
+        raise
+    return port
+
+
+def _as_measured(options: argparse.Namespace) -> list[str]:
+    """Return what makes it the device of a report. :raises OSError, ValueError: nothing can."""
+    path = getattr(options, 'report', None)
+    measured = DEVICES[options.device].as_measured
+    if path is None or measured is None:
+        return []
+    try:
+        report = json.loads(path.read_text(encoding='utf-8'))
+        lines = measured(report, _node_of(report, options.device, options.node))
+    except OSError as error:
+        raise ValueError(f'--as {path}: {error.strerror}') from error
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+        raise ValueError(f'--as {path}: is no report: {error!r}') from error
+    print(f'as {path} has it: {"; ".join(lines)}', flush=True)
+    return lines
+
+
+def _node_of(report: Mapping[str, Any], device: str, wanted: str) -> str:
+    nodes = [each for each in report['parameters'] if each.endswith(f'/{device}_bridge')]
+    if wanted in nodes or (not wanted and len(nodes) == 1):
+        return str(wanted or nodes[0])
+    raise ValueError(f'--node: it has {", ".join(nodes) or f"no {device}"}')
+
+
+def _plug_in(options: argparse.Namespace) -> DevicePort:
     simulated = DEVICES[options.device]
     device = simulated.make(options)
     if simulated.port == 'pty':
@@ -140,7 +186,7 @@ def _simulate(arguments: Sequence[str] | None, prog: str) -> None:
     options = command_line.parse_args(arguments)
     signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)  # until what is made is taken away again
     try:
-        device = _plug_in(options)
+        device = plug_in(options)
     except (OSError, ValueError) as error:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
         command_line.error(str(error))
@@ -172,15 +218,10 @@ def _lines(device: DevicePort, verbose: bool) -> Iterator[str]:
             *lines, text = (text + data.decode(errors='replace')).split('\n')
             yield from lines
         if verbose:
-            told = _tell_changes(device, told)
-
-
-def _tell_changes(device: DevicePort, told: dict[str, Any]) -> dict[str, Any]:
-    state = seen(device)
-    for name, value in state.items():
-        if value != told.get(name):
-            print(f'{name}: {value}', flush=True)
-    return state
+            before, told = told, seen(device)
+            for name, value in told.items():
+                if value != before.get(name):
+                    print(f'{name}: {value}', flush=True)
 
 
 def seen(device: DevicePort) -> dict[str, Any]:

@@ -9,9 +9,8 @@ nodes; without names, those that have a section in the parameter files. Each nod
 executor and thread, so that none waits for another. Actuators subscribe to the mux.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import importlib
-from pathlib import Path
 import sys
 
 from bridge_core.managed_node import ManagedNode
@@ -83,13 +82,6 @@ def configured_nodes(arguments: Sequence[str]) -> list[str]:
     return [name for name in NODES if name in sections]
 
 
-def _left_to_others(files: Iterable[Path]) -> Iterator[str]:
-    """Yield who uses the sections that are for none of these nodes."""
-    for file in files:
-        for name in {section.rsplit('/', 1)[-1] for section in sections_of(file)} & {*BESIDE}:
-            yield f'{file}: the process {name} uses its section, if it is given this file, too'
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the stack; the executable's entry point."""
     argv = list(sys.argv if arguments is None else arguments)
@@ -102,8 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         check_names({**NODES, **BESIDE}, files_of(argv))
         if not names:
             raise ValueError('name the nodes to run, or give a --params-file with their sections')
-        for line in _left_to_others(files_of(argv)):
-            print(f'rugged_teleop_stack: {line}', file=sys.stderr)
+        for file in files_of(argv):
+            for name in {section.rsplit('/', 1)[-1] for section in sections_of(file)} & {*BESIDE}:
+                text = f'the process {name} uses its section, if it is given this file, too'
+                print(f'rugged_teleop_stack: {file}: {text}', file=sys.stderr)
         factories = [node_factory(name) for name in dict.fromkeys(names)]
     except ValueError as error:
         print(f'rugged_teleop_stack: {error}', file=sys.stderr)

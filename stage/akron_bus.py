@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from typing import Any, NamedTuple, Protocol
 
@@ -88,21 +89,16 @@ class Bus:
 
     def of(self, identifier: str, start: str = '') -> list[str]:
         """Return the data of what was heard with this identifier, in hexadecimal."""
-        wanted = int(identifier, 16)
-        data = (heard.frame.data.hex().upper() for heard in self._others(wanted))
-        return [text for text in data if text.startswith(start)]
+        return [heard.frame.data.hex().upper() for heard in self._others(identifier, start)]
 
     def times(self, identifier: str, start: str = '') -> list[float]:
         """Return when those were heard."""
-        wanted = int(identifier, 16)
-        return [
-            heard.at
-            for heard in self._others(wanted)
-            if heard.frame.data.hex().upper().startswith(start)
-        ]
+        return [heard.at for heard in self._others(identifier, start)]
 
-    def _others(self, identifier: int) -> list[Heard]:
-        return [h for h in self.heard if h.frame.identifier == identifier and h.sender is not None]
+    def _others(self, identifier: str, start: str) -> list[Heard]:
+        wanted, head = int(identifier, 16), bytes.fromhex(start)
+        heard = [each for each in self.heard if each.frame.identifier == wanted and each.sender]
+        return [each for each in heard if each.frame.data.startswith(head)]
 
     def _deliver(self, sender: Device, frame: CanFrame) -> None:
         self.heard.append(Heard(self.now, None if sender is self.host else sender, frame))
@@ -114,10 +110,12 @@ class Bus:
 class Bench(Bus):
     """A unit that has its address."""
 
-    def __init__(self, *lines: str, **options: Any) -> None:
+    def __init__(
+        self, *lines: str, others: Sequence[Device] = (), boots: float = 0.5, **options: Any
+    ) -> None:
         self.unit = Simulator(**options)
-        super().__init__(self.unit)
-        self.run(0.5)
+        super().__init__(self.unit, *others)
+        self.run(boots)
         self.apply(*lines)
 
     def apply(self, *lines: str) -> Bench:
@@ -130,16 +128,11 @@ class Bench(Bus):
         self.repeat(*((f'0CFDD6{source:02X}', text) for text in data))
         return self
 
-    def turn(self, seconds: float) -> float:
-        """Return by how many degrees it turns to the right."""
-        before = self.unit.motion.degrees(0)
+    def moved(self, seconds: float, axis: int = 0) -> float:
+        """Return by how many degrees it turns to the right meanwhile; axis 1: up."""
+        before = self.unit.motion.degrees(axis)
         self.run(seconds)
-        return self.unit.motion.degrees(0) - before
-
-    def lift(self, seconds: float) -> float:
-        before = self.unit.motion.degrees(1)
-        self.run(seconds)
-        return self.unit.motion.degrees(1) - before
+        return self.unit.motion.degrees(axis) - before
 
     @property
     def described(self) -> dict[str, Any]:

@@ -10,9 +10,8 @@ import math
 from typing import Any
 
 from akron_can_bridge.session import Session, Settings
-from akron_can_bridge.simulator import Simulator
 from bridge_core.j1939 import CanFrame
-from stage.akron_bus import Bus
+from stage.akron_bus import Bench as UnitBench
 from stage.akron_session_rig import MOVE, REST
 
 
@@ -62,13 +61,12 @@ class Ours:
         return frames
 
 
-class Bench(Bus):
+class Bench(UnitBench):
     """One unit, our session, and whoever else."""
 
     def __init__(self, *others: Any, unit: dict[str, Any] | None = None, **options: Any) -> None:
-        self.unit, self.ours = Simulator(**(unit or {})), Ours(**options)
-        super().__init__(self.unit, self.ours, *others)
-        self.run(1.5)
+        self.ours = Ours(**options)
+        super().__init__(others=(self.ours, *others), boots=1.5, **(unit or {}))
 
     @property
     def session(self) -> Session:
@@ -77,12 +75,6 @@ class Bench(Bus):
     @property
     def reasons(self) -> list[str]:
         return self.session.stop_reasons(self.now)
-
-    def moved(self, seconds: float) -> float:
-        """Return by how many degrees the unit turns meanwhile."""
-        before = self.unit.motion.degrees(0)
-        self.run(seconds)
-        return self.unit.motion.degrees(0) - before
 
     def move(self) -> Bench:
         """Have it turn to the right."""

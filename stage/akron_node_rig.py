@@ -15,10 +15,10 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from bridge_core.j1939 import CanFrame
 from rugged_teleop.canbuses import CanBusDevice, frames
 from stage.can_rig import CanBus
 from stage.rig import latched, NodeProcess, Observer, Record
+from stage.talkers import values_of
 
 NAME = 'akron_can_bridge'
 START_LIMIT = 60.0  # a process may take long to start
@@ -28,34 +28,20 @@ RIGHT = bytes.fromhex('107D010000000000')  # by hand from the manual's example
 
 
 class Place:
-    """A place on the bus, where a device can be exchanged."""
+    """A place on the bus, where a device can be exchanged: all others take it for that device."""
 
     def __init__(self, simulator: Any) -> None:
         self.simulator = simulator
 
-    def receive(self, frame: CanFrame, now: float) -> None:
-        self.simulator.receive(frame, now)
-
-    def poll(self, now: float) -> list[CanFrame]:
-        found: list[CanFrame] = self.simulator.poll(now)
-        return found
-
-    def deadline(self) -> float:
-        return float(self.simulator.deadline())
-
-    def apply(self, text: str) -> None:
-        self.simulator.apply(text)
-
-    def describe(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.simulator.describe()
-        return found
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.simulator, name)
 
 
 class Station(CanBusDevice):
     """A simulator on the bus."""
 
     def __init__(self, simulator: Any, bus: CanBus) -> None:
-        self._place = Place(simulator)
+        self._place: Any = Place(simulator)
         super().__init__(self._place, bus.channel, interface=bus.interface)
 
     def exchange(self, simulator: Any) -> None:
@@ -134,13 +120,18 @@ class Bench:
     def wait_stop(self, stop: bool) -> None:
         self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
 
-    def drive(self, station: Station, joy: Joy = MOVE) -> None:
+    def drive(
+        self,
+        station: Station,
+        joy: Joy = MOVE,
+        until: Callable[[], Any] = lambda: True,
+    ) -> None:
         """Move, after neutral; anew if a busy machine let the command go stale meanwhile."""
 
         def moving() -> Any:
             is_free = self.value('neutral because') == 'commands go out'
             self.asked = joy if is_free else Joy(axes=[0.0, 0.0])
-            return is_free and station.look('moving')  # it may still be from before
+            return is_free and station.look('moving') and until()  # it may still be from before
 
         self.wait(moving, 'motion')
 
@@ -164,7 +155,7 @@ class Bench:
         return DiagnosticStatus()
 
     def value(self, key: str, part: str = 'device') -> str:
-        return next((pair.value for pair in self.status(part).values if pair.key == key), '')
+        return values_of(self.status(part)).get(key, '')
 
     def call(self, service: str) -> Any:
         return self.observer.call(Trigger, f'{self.prefix}/{service}', timeout=20.0)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
 from akron_can_bridge.session import Handover, Session, Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.mux_words import MuxWords
 from bridge_core.session import RETRY
 from stage.session_rig import SessionBench
 
@@ -89,8 +90,8 @@ E = TypeVar('E')
 class Bench(SessionBench[Session]):
     """A session at address 38 with everyone that it hears."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(Session(Settings(**options)))
+    def __init__(self, *, mux: MuxWords | None = None, **options: Any) -> None:
+        super().__init__(Session(Settings(**options), mux))
         self.refuses: Callable[[CanFrame], bool] = lambda frame: False  # the line, so busy is it
 
     def _keep(self, output: tuple[list[Any], list[Any]]) -> list[Any]:

@@ -43,12 +43,17 @@ TIMEOUTS: Final[dict[str, dict[str, float]]] = {
         'estop.fort.timeout': 0.25,
         'estop.drive.timeout': 0.25,
         'estop.vm110.timeout': 0.25,
+        'estop.fort.age_limit': 0.25,
+        'estop.drive.age_limit': 0.25,
+        'estop.vm110.age_limit': 0.25,
         'drive_enabled_timeout': 0.25,
+        'drive_enabled_age_limit': 0.25,
         'feedback.timeout': 0.25,
         'operator.fort.timeout': 0.25,
+        'operator.fort.age_limit': 0.5,
         'neutral_time': 0.3,
     },
-    DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25},
+    DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25, 'age_limit': 0.25},
 }
 # In the answer of a service of a bridge that was held up, or whose wire was.
 LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
@@ -63,16 +68,10 @@ T = TypeVar('T')
 _PortT = TypeVar('_PortT', bound=DevicePort)
 
 
-class Device(PtyDevice):
-    """
-    A simulator on a serial port, which can be exchanged for another.
+class Exchangeable(DevicePort):
+    """A port whose simulator can be exchanged for another."""
 
-    :param path: a link that the port is opened by. :param simulator: bytes and time, no port.
-    """
-
-    def __init__(self, path: Path, simulator: Any) -> None:
-        self._since = 0.0  # what is older does not count
-        super().__init__(simulator, path)
+    _since = 0.0  # what is older does not count
 
     @property
     def simulator(self) -> Any:
@@ -93,6 +92,20 @@ class Device(PtyDevice):
             return now
 
         return self.call(swap)
+
+    def _recorded(self, direction: str, since: float) -> list[Chunk]:
+        return super()._recorded(direction, max(since, self._since))
+
+
+class Device(Exchangeable, PtyDevice):
+    """
+    A simulator on a serial port.
+
+    :param path: a link that the port is opened by. :param simulator: bytes and time, no port.
+    """
+
+    def __init__(self, path: Path, simulator: Any) -> None:
+        super().__init__(simulator, path)
 
     def enable_message(self, kind: int, enabled: bool) -> None:
         """Switch one of a VSC's messages on or off; its interval stays."""
@@ -116,9 +129,6 @@ class Device(PtyDevice):
     def last_sent(self, kind: int) -> float:
         """Return when a VSC's last message of this type was written."""
         return max(chunk.at for chunk in self.sent() if chunk.data[2] == kind)
-
-    def _recorded(self, direction: str, since: float) -> list[Chunk]:
-        return super()._recorded(direction, max(since, self._since))
 
 
 class Packet(NamedTuple):

@@ -9,6 +9,7 @@ import math
 import struct
 from typing import Any
 
+from bridge_core.mux_words import MuxWords
 from esi_drive_bridge.axes import Axis
 from esi_drive_bridge.protocol import Layout, Mode
 from esi_drive_bridge.session import Phase, Session, Settings
@@ -81,8 +82,8 @@ def is_disable(frame: bytes) -> bool:
 class Rig:
     """A session with a healthy drive and a healthy mux, both of which a test can make worse."""
 
-    def __init__(self, **changes: Any) -> None:
-        self.session = Session(make_settings(**changes))
+    def __init__(self, *, mux: MuxWords | None = None, **changes: Any) -> None:
+        self.session = Session(make_settings(**changes), mux)
         self.now = 1000.0
         self.events: list[Any] = []
         self.frames: list[tuple[float, bytes]] = []

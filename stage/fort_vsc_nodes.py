@@ -16,10 +16,9 @@ from std_msgs.msg import Bool, Int8, String
 
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
-from rugged_teleop import canbuses
-from rugged_teleop.canbuses import CanBusDevice
+from rugged_teleop.canbuses import CanBusDevice, frames, pack, unpack
 from stage.can_rig import CanBus
-from stage.devices import Device
+from stage.devices import Device, Exchangeable
 from stage.rig import latched, NodeProcess, Observer
 from stage.talkers import Diagnostics, namespace
 
@@ -27,81 +26,48 @@ NAME = 'fort_vsc_bridge'
 LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 
 
-class Socket:
-    """What is at the end of the cable: a VSC that can be exchanged, some of it muted."""
-
-    def __init__(self, simulator: CanSimulator) -> None:
-        self.simulator = simulator
-        self.muted: set[int] = set()  # identifiers that are not sent
-        self.added: list[CanFrame] = []
-
-    def receive(self, data: CanFrame, now: float) -> None:
-        self.simulator.receive(data, now)
-
-    def poll(self, now: float) -> list[CanFrame]:
-        added, self.added = self.added, []
-        due = self.simulator.poll(now)
-        return [*added, *(frame for frame in due if frame.identifier not in self.muted)]
-
-    def deadline(self) -> float:
-        return float(self.simulator.deadline())
-
-    def apply(self, text: str) -> None:
-        self.simulator.apply(text)
-
-    def describe(self) -> dict[str, Any]:
-        return self.simulator.describe()
-
-
-class Station:
-    """A simulated VSC on a CAN bus that is steered and recorded, as a Device on a pty."""
+class Station(Exchangeable, CanBusDevice):
+    """A simulated VSC on a CAN bus, which may be kept from sending some of its frames."""
 
     def __init__(self, bus: CanBus, simulator: CanSimulator) -> None:
-        self.path = bus.channel
-        self._socket = Socket(simulator)
-        self._port = CanBusDevice(self._socket, bus.channel, interface=bus.interface)
-        self._since = 0.0  # what is older does not count
-
-    def apply(self, *commands: str) -> float:
-        """Steer port or simulator; return the moment of the last command."""
-        return [self._port.apply(command) for command in commands][-1]
+        self._muted: set[int] = set()  # identifiers
+        self._added: set[bytes] = set()  # which is sent all the same
+        super().__init__(simulator, bus.channel, interface=bus.interface)
 
     def exchange(self, simulator: CanSimulator) -> None:
-        """Put another VSC on the bus, with nothing on record."""
-
-        def exchange(_: Any, now: float) -> None:
-            simulator.poll(now)
-            self._socket.simulator = simulator
-            self._socket.muted.clear()
-            self._since = now
-
-        self.apply('stall off', 'clear')
-        self._port.call(exchange)
+        """Put another VSC on the bus, with nothing muted or on record."""
+        super().exchange(simulator)
+        self.mute()
 
     def mute(self, *identifiers: int) -> None:
         """Keep these back, and none else."""
-        self._port.call(lambda *_: setattr(self._socket, 'muted', set(identifiers)))
+        self.call(lambda *_: setattr(self, '_muted', set(identifiers)))
 
     def look(self, what: Callable[[CanSimulator], Any]) -> Any:
         """Return something about the simulator, undisturbed."""
-        return self._port.call(lambda *_: what(self._socket.simulator))
+        return self.call(lambda device, _: what(device))  # type: ignore[arg-type]
 
     def send(self, identifier: int, data: bytes) -> float:
         """Send a frame that the simulator knows nothing of; return the moment."""
 
         def add(_: Any, now: float) -> float:
-            self._socket.added.append(CanFrame(identifier, data))
+            packed = pack(CanFrame(identifier, data))
+            self._added.add(packed)
+            self._lines['out'].put(packed, now)
             return now
 
-        return self._port.call(add)
+        return self.call(add)
+
+    def _write_port(self, data: bytes) -> int:
+        frame = unpack(data)
+        if frame is not None and frame.identifier in self._muted and data not in self._added:
+            return len(data)
+        return super()._write_port(data)
 
     @property
     def heard(self) -> list[CanFrame]:
         """What the node has sent."""
-        return canbuses.frames(self._port.received(self._since))
-
-    def close(self) -> None:
-        self._port.close()
+        return frames(self.received())
 
 
 class NodeBench:
@@ -131,16 +97,11 @@ class NodeBench:
 
     def start_anew(self) -> None:
         """Have a fresh VSC with an operational remote, and hear that it is well."""
-        self.vsc.exchange(type(self._simulator())())
+        self.vsc.exchange(type(self.vsc.simulator)())
         since = self.vsc.apply('mode operational')
         self.wait_says(self.mode, 'Operational')
         self.wait_says(self.estop, False)
         self.wait(lambda: list(self.joy.since(since)), 'sticks')
-
-    def _simulator(self) -> Any:
-        if isinstance(self.vsc, Station):
-            return self.vsc.look(lambda simulator: simulator)
-        return self.vsc.simulator
 
     def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
         return self.observer.wait_for(condition, timeout, what)

@@ -191,6 +191,7 @@ class FakeOwner:
         self.faults: set[str] = set()
         self.paced: list[float] = []
         self.told: list[bool] = []
+        self.verdicts: list[Verdict] = []
         self.log: list[str] = []  # in the order of the calls
         self.reports: list[Report] = []
         self.refused: list[tuple[int, str, str]] = []
@@ -201,6 +202,7 @@ class FakeOwner:
     def on_events(self, events: Sequence[Any], now: float) -> None:
         for event in events:
             if isinstance(event, StopChanged):
+                self.verdicts.append(event.verdict)
                 self._publish(event.verdict.estop)
             else:
                 self.log.append(f'event {event}')

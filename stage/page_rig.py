@@ -18,12 +18,12 @@ import aiohttp
 
 from bridge_core import clock
 from rugged_teleop.devices import devices
+from rugged_teleop.reasons import catalogue
 from rugged_teleop.status_page.access import Access
 from rugged_teleop.status_page.graph import find
 from rugged_teleop.status_page.model import Diagnostic, Model
-from rugged_teleop.status_page.remedies import Remedies
 from rugged_teleop.status_page.server import Server
-from stage.rig import ROOT, TIMEOUT_FACTOR
+from stage.rig import TIMEOUT_FACTOR
 
 TOKEN = 'a-token-of-the-test'
 _PERIOD = 0.05  # s
@@ -60,10 +60,25 @@ STOPPED = {
     'owner': 'none',
     'inhibit 1': "e-stop source 'fort' demands a stop: release the stop button of the remote",
     'inhibit 2': 'waiting for reset: call ~/reset',
+    'code': 'fort.estop.remote',
+    'code.1': 'fort.estop.remote',
+    'code.2': 'mux.reset.due',
     "condition of e-stop source 'fort'": 'stop',
     "condition of operator 'fort'": 'at rest',
     'last transition': 'ACTIVE to STOPPED, 1.5 s ago: e-stop source demands a stop',
 }
+WORN = 'have the brakes looked at, left: 0.62 s from 10.0 rad/s, commissioned 0.41'
+LEDGER = (
+    1,
+    WORN,
+    {
+        'last seen to work': 'fort 3 h ago, deadman of fort never',
+        'stops of left (rad/s, s, commissioned s)': '; '.join(
+            f'10.00 {0.4 + 0.011 * n:.2f} 0.41' for n in range(21)
+        ),
+        'stops of right (rad/s, s, commissioned s)': '8.00 0.30 -; 8.00 - 0.33; 9.00 0.37 0.37',
+    },
+)
 ACTIVE = {
     'state': 'ACTIVE',
     'owner': 'fort',
@@ -75,13 +90,9 @@ ACTIVE = {
 }
 
 
-def remedies() -> Remedies:
-    return Remedies((ROOT / 'docs' / 'inhibits.md').read_text(encoding='utf-8'))
-
-
 def model() -> Model:
     """Return a model of the machine in TOPICS, of which nothing was heard."""
-    result = Model(remedies())
+    result = Model(catalogue())
     result.found(find(TOPICS, devices().values()))
     result.operators(MUX, {'fort': f'{FORT}/joy', 'vm110': f'{UNIT}/joy'})
     result.listeners(MUX, [DRIVE, MONITOR])
@@ -111,6 +122,7 @@ class Machine:
         self.hangs = False  # the page's node
         self.axes = [0.0, 0.0, 0.0, 0.0]
         self.speed = 0.0
+        self.ledger: tuple[int, str, dict[str, str]] | None = None  # what the recorder says
         self.wishes: list[tuple[str, str]] = []
         self._model = model()
         self._answer = answer
@@ -152,6 +164,8 @@ class Machine:
             model.state(MUX, self.status['state'], now)
             model.status(MUX, self.status, now)
             model.command(MUX, {'left': self.speed, 'right': self.speed * 0.8}, now)
+        if self.ledger:
+            model.diagnostic('recorder: ledger', Diagnostic(*self.ledger), now)
         if FORT not in self.silent:
             model.joy(FORT, self.axes, [0, 0], now)
         model.joy(UNIT, [0.0, 0.0], [0], now)
@@ -177,7 +191,8 @@ class Machine:
             if not self.hangs:
                 self.server.publish({**self.say(clock.now()), 'recordings': self.recordings})
 
-    def _control(self, action: str, mux: str) -> Future[tuple[bool, str]]:
+    def _control(self, action: str, mux: str, address: str) -> Future[tuple[bool, str]]:
+        del address
         self.wishes.append((action, mux))
         result: Future[tuple[bool, str]] = Future()
         result.set_result(self._answer)

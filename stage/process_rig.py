@@ -24,22 +24,15 @@ from bridge_core.transports import process
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Activate, Call, Deactivate, Request
-from bridge_core.transports.wire_process import Node, receive, TURN
+from bridge_core.transports.wire_process import KNOWN, Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.link_rig import FakeOwner
+from stage.toy_links import WITHOUT_TEMPLATE
 from stage.toy_wire import BRIDGE
 
 
 class StoppedOwner(FakeOwner):
     """To whom a link that is lost is a stop, as to the node."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.verdicts: list[Verdict] = []
-
-    def on_events(self, events: Sequence[Any], now: float) -> None:
-        self.verdicts += [each.verdict for each in events if isinstance(each, StopChanged)]
-        super().on_events(events, now)
 
     def link_changed(self, text: str, ok: bool) -> None:
         super().link_changed(text, ok)
@@ -76,6 +69,7 @@ class StepBench:
         self.link = ProcessLink('link', BRIDGE, self.owner, **options)
         patch.setattr(clock, 'now', lambda: self.now)
         patch.setattr(process, 'ready', self._ready)
+        patch.setattr(process, 'TEMPLATE', WITHOUT_TEMPLATE)
 
     def _ready(self, descriptors: Sequence[int], timeout: float) -> list[int]:
         found = ready(descriptors, 0.0)
@@ -216,8 +210,9 @@ class Started(FakeProcess):
         """Return the words that it was told, up to the end if that is there."""
         words = []
         while data := receive(self.node._socket):
-            what = 'turn' if data == TURN else type(pickle.loads(data)[2]).__name__
-            words.append(what.lower())
+            if data != KNOWN:
+                what = 'turn' if data == TURN else type(pickle.loads(data)[2]).__name__
+                words.append(what.lower())
         return words if data is None else [*words, 'end']
 
 
@@ -232,8 +227,8 @@ class StartBench(StepBench):
         patch.setattr(subprocess, 'Popen', self._popen)
         start = self.link._new_process
 
-        def checked() -> Child:
-            made = start()
+        def checked(template: None) -> Child:
+            made = start(template)
             assert not made.socket.getblocking()  # else a test would wait for ever
             return made
 

@@ -1,15 +1,12 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node that republishes another one's topics, late or not at all: a network, to who listens."""
+"""A node that republishes another one's topics as a network would: late, or not at all."""
 
 from __future__ import annotations
 
-from collections import deque
 from functools import partial
-import os
-import random
-import subprocess
+import math
 import sys
 import threading
 import time
@@ -17,57 +14,51 @@ from typing import Any
 
 import rclpy
 from rclpy.node import Node
-from sensor_msgs.msg import Joy
+from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, UInt8MultiArray
 
 from bridge_core.managed_node import latched_qos
 from bridge_core.proof_topics import PROOF_QOS
-from stage.rig import ending_with, ROOT
+from stage.devices import DRIVE, MUX
+from stage.network import NetworkProcess, obey, Way
 
-_STEP = 0.002  # s
-FORWARD: dict[str, tuple[Any, Any]] = {
-    'estop': (Bool, latched_qos()),
-    'own_estop': (Bool, latched_qos()),
-    'joy': (Joy, 10),
-    'proof': (UInt8MultiArray, PROOF_QOS),
+_STOP, _PROOF = (Bool, latched_qos()), (UInt8MultiArray, PROOF_QOS)
+_BRIDGE = {'estop': _STOP, 'own_estop': _STOP, 'joy': (Joy, 10), 'proof': _PROOF}
+_MUX = {'estop': _STOP, 'enable': (Bool, 10), 'command': (JointState, 10), 'proof': _PROOF}
+_DRIVE = {
+    'estop': _STOP,
+    'own_estop': _STOP,
+    'enabled': _STOP,
+    'joint_states': (JointState, 10),
+    'proof': _PROOF,
 }
+BACK: dict[str, tuple[Any, Any]] = {'challenge': _PROOF}
 RAW = '/raw'
+
+
+def forth(node: str) -> dict[str, tuple[Any, Any]]:
+    """Return what a node says: kind and QoS by topic."""
+    return {MUX: _MUX, DRIVE: _DRIVE}.get(node, _BRIDGE)
 
 
 def remapped(node: str) -> list[str]:
     """Return the ROS arguments by which a node speaks to the relay alone."""
-    topics = [*FORWARD, 'challenge']
-    return [word for each in topics for word in ('-r', f'/{node}/{each}:={RAW}/{node}/{each}')]
+    return [
+        word
+        for topic in (*forth(node), *BACK)
+        for word in ('-r', f'/{node}/{topic}:={RAW}/{node}/{topic}')
+    ]
 
 
-class Relay:
+class Relay(NetworkProcess):
     """
-    A relay of one bridge's topics, and of challenges to it: a process of its own.
+    The network between a node and who listens to it.
 
-    Use it as a context manager. What was said first arrives first.
+    It carries what a remote's bridge, a mux or a drive says, and challenges back to it.
     """
 
     def __init__(self, node: str) -> None:
-        self._process = subprocess.Popen(
-            [*ending_with(os.getpid()), sys.executable, '-m', 'stage.relay', node],
-            stdin=subprocess.PIPE,
-            cwd=ROOT,
-            text=True,
-            bufsize=1,
-            start_new_session=True,
-        )
-
-    def set(self, *, delay: float = 0.0, loss: float = 0.0) -> None:
-        """Set what holds for all that comes from now on, each way: s, and a share from 0 to 1."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f'{delay} {loss}\n')
-
-    def __enter__(self) -> Relay:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._process.kill()
-        self._process.communicate()
+        super().__init__('stage.relay', node)
 
 
 class _Node(Node):
@@ -76,43 +67,46 @@ class _Node(Node):
     def __init__(self, node: str) -> None:
         options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
         super().__init__(f'relay_{node}', **options)
-        self._delay = self._loss = 0.0
-        self._chance = random.Random(0)
-        self._ways: list[tuple[Any, deque[tuple[float, bytes]]]] = []
-        for topic, (kind, qos) in FORWARD.items():
-            self._join(kind, f'{RAW}/{node}/{topic}', f'/{node}/{topic}', qos)
-        challenge = f'{node}/challenge'
-        self._join(UInt8MultiArray, f'/{challenge}', f'{RAW}/{challenge}', PROOF_QOS)
-        self.create_timer(_STEP, self._carry)
+        self._ways = [Way(0), Way(1)]
+        self._changed = threading.Condition()
+        for way, topics in zip(self._ways, (forth(node), BACK), strict=True):
+            for topic, (kind, qos) in topics.items():
+                names = [f'{RAW}/{node}/{topic}', f'/{node}/{topic}']
+                source, target = reversed(names) if topics is BACK else names
+                hear = partial(self._hear, way, self.create_publisher(kind, target, qos))
+                self.create_subscription(kind, source, hear, qos, raw=True)
+        for work in (self._obey, self._carry):
+            threading.Thread(target=work, daemon=True).start()
 
-    def obey(self) -> None:
-        """Take lines of two numbers, delay and loss."""
+    def _obey(self) -> None:
+        """Take lines: a list of two networks, there and back."""
         for line in sys.stdin:
-            self._delay, self._loss = map(float, line.split())
+            with self._changed:
+                obey(line, self._ways)
+                self._changed.notify()
 
-    def _join(self, kind: Any, source: str, target: str, qos: Any) -> None:
-        way: deque[tuple[float, bytes]] = deque()
-        self._ways.append((self.create_publisher(kind, target, qos), way))
-        self.create_subscription(kind, source, partial(self._hear, way), qos, raw=True)
-
-    def _hear(self, way: deque[tuple[float, bytes]], message: bytes) -> None:
-        if self._chance.random() >= self._loss:
-            way.append((time.monotonic() + self._delay, message))
-            self._carry()
+    def _hear(self, way: Way, publisher: Any, message: bytes) -> None:
+        with self._changed:
+            way.send((publisher, message), len(message), time.monotonic())
+            self._changed.notify()
 
     def _carry(self) -> None:
-        now = time.monotonic()
-        for publisher, way in self._ways:
-            while way and way[0][0] <= now:
-                publisher.publish(way.popleft()[1])
+        """Publish what arrives."""
+        while True:
+            with self._changed:
+                now = time.monotonic()
+                due = min(way.next_arrival() for way in self._ways)
+                if due > now:
+                    self._changed.wait(None if due == math.inf else due - now)
+                found = [each for way in self._ways for each in way.arrived(time.monotonic())]
+            for publisher, message in found:
+                publisher.publish(message)
 
 
 def main() -> None:
     """Relay until killed."""
     rclpy.init()
-    node = _Node(sys.argv[1])
-    threading.Thread(target=node.obey, daemon=True).start()
-    rclpy.spin(node)
+    rclpy.spin(_Node(sys.argv[1]))
 
 
 if __name__ == '__main__':

@@ -25,7 +25,6 @@ import sys
 import tempfile
 import time
 import tty
-from types import TracebackType
 from typing import Any, TypeVar
 
 from rugged_teleop.domains import claim_domain
@@ -185,6 +184,14 @@ def forks() -> Server:
     return Server(ending_with(os.getpid()))
 
 
+def run_python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words to its end. :param options: of subprocess.run."""
+    given: dict[str, Any] = {'cwd': ROOT, 'timeout': 60.0 * TIMEOUT_FACTOR, **options}
+    if 'stdout' not in given:
+        given['capture_output'] = True
+    return subprocess.run([sys.executable, *words], text=True, **given)
+
+
 def _is_stopped(pid: int) -> bool:
     threads = Path(f'/proc/{pid}/task').glob('*/stat')
     return all(thread.read_text().rpartition(') ')[2].startswith('T') for thread in threads)
@@ -273,12 +280,7 @@ class NodeProcess:
     def __enter__(self) -> NodeProcess:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         if self.process.poll() is None:
             self.process.send_signal(SIGCONT)
             self.process.terminate()

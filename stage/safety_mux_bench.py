@@ -37,8 +37,8 @@ class Bench:
     step = TICK  # s between two ticks
 
     def __init__(self, config: MuxConfig = CONFIG) -> None:
-        limit = JointLimit(magnitude=1.0, acceleration=10.0, deceleration=10.0)
-        self.arbiter = Arbiter(config, JointLimiter([limit] * config.joints), 0.0)
+        self.limit = JointLimit(magnitude=1.0, acceleration=10.0, deceleration=10.0)
+        self.arbiter = Arbiter(config, JointLimiter([self.limit] * config.joints), 0.0)
         self.now = 0.0
         self.next_message = 0.0
         self.estops: dict[str, bool | None] = {source.name: False for source in config.sources}
@@ -107,11 +107,3 @@ class Bench:
 
     def reason(self) -> str:
         return self.arbiter.status(self.now).last_transition.reason
-
-
-def assert_stopped(decision: Decision) -> None:
-    assert decision.state is State.STOPPED
-    assert decision.estop
-    assert not decision.enable
-    assert decision.demand == (0.0, 0.0)
-    assert decision.owner is None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import struct
 from typing import Any
 
+from bridge_core.mux_words import MuxWords
 from bridge_core.session import RETRY
 from ssc_bridge.channels import AuxRequest, Failsafe, Servo
 from ssc_bridge.session import OutputsSent, Session, Settings
@@ -72,8 +73,8 @@ class Rig:
     - ``late 0.3``: so many seconds without a poll. ``mark``: forget all that was sent and told.
     """
 
-    def __init__(self, **changes: Any) -> None:
-        self.session = Session(Settings(**changes))
+    def __init__(self, *, mux: MuxWords | None = None, **changes: Any) -> None:
+        self.session = Session(Settings(**changes), mux)
         self.now = self.marked = 1000.0
         self.events: list[Any] = []
         self.sent: list[tuple[float, int, bytes]] = []  # when, ID, payload

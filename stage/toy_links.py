@@ -13,6 +13,7 @@ from pathlib import Path
 from signal import SIGKILL, SIGSTOP
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 from std_msgs.msg import Bool
@@ -111,9 +112,6 @@ class Toy:
         self.pty.read()
         return data in self.pty.received
 
-    def says_more_than(self, keep_alives: int) -> bool:
-        return self.keep_alives() > keep_alives
-
     def keep_alives(self) -> int:
         """Return how many the device has heard."""
         self.pty.read()
@@ -149,6 +147,11 @@ class Direct:
     def wire(self) -> int:
         return wait_for(lambda: wires_of(os.getpid()), 5.0, 'a wire')[0]
 
+    def spare(self) -> int:
+        """Return the process of its spare, once the link knows it: a fork is there before."""
+        spare: Any = wait_for(lambda: self.link._spare, 20.0, 'a spare')
+        return int(spare.process.pid)
+
     def close(self) -> None:
         self.link.stop()
         wait_for(
@@ -158,11 +161,14 @@ class Direct:
         )
 
 
+WITHOUT_TEMPLATE: Any = SimpleNamespace(used=contextlib.nullcontext)  # all wires start by exec
 ALONE = """
+import contextlib
 from dataclasses import replace
 import math
 import sys
 import threading
+from types import SimpleNamespace
 from bridge_core.transports import process
 from stage.toy_wire import BRIDGE
 
@@ -177,6 +183,8 @@ class Owner:
 link = process.ProcessLink
 link.TIMES = replace(link.TIMES, spare=0.0, kill=math.inf)  # a busy machine kills none
 process._PROGRAM = sys.argv[3]
+if process._PROGRAM != 'bridge_core.start_wire':
+    process.TEMPLATE = SimpleNamespace(used=contextlib.nullcontext)
 link = process.ProcessLink('alone', BRIDGE, Owner(), device=sys.argv[1])
 link.start()
 link.activate({'port': sys.argv[1], 'link_timeout': 0.25, 'fault': ''})

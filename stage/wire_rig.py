@@ -10,7 +10,6 @@ import pytest
 
 from bridge_core import clock
 from bridge_core.report import Report
-from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import active, opener, wire
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.link import Mailbox
@@ -44,12 +43,7 @@ class TimedOwner(FakeOwner):
     def __init__(self) -> None:
         super().__init__()
         self.reported: list[float] = []
-        self.verdicts: list[Verdict] = []
         self.on_pace: Callable[[float], None] = lambda now: None
-
-    def on_events(self, events: Sequence[Any], now: float) -> None:
-        self.verdicts += [each.verdict for each in events if isinstance(each, StopChanged)]
-        super().on_events(events, now)
 
     def on_report(self, report: Report, now: float) -> None:
         self.reported.append(now)

@@ -6,23 +6,18 @@
 from __future__ import annotations
 
 import math
-from types import TracebackType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
-import rclpy
-from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
-from bridge_core.runner import avoid_shared_memory
+from rugged_teleop.asker import Visitor
 from rugged_teleop.bench.course import Facts, Order
 from rugged_teleop.bench.targets import TARGETS
 
@@ -37,9 +32,9 @@ def _number(value: float | None) -> float | None:
     return None if value is None or math.isnan(value) else value
 
 
-class Commander:
+class Commander(Visitor):
     """
-    A node that commands another; use it as a context manager.
+    Commands another node.
 
     ``refusal`` says why that cannot do what is asked; empty until its parameters are known.
 
@@ -47,7 +42,7 @@ class Commander:
     """
 
     def __init__(self, option: str, node: str, joint: str, rate: float) -> None:
-        avoid_shared_memory()
+        super().__init__('bench', SignalHandlerOptions.NO)
         self.refusal = ''
         self._option, self._target = option, TARGETS[option]
         self._node_name, self._joint, self._rate = node, joint, rate
@@ -63,11 +58,6 @@ class Commander:
         self._reason = ''  # empty where nothing is wrong as far as was told
         self.summary = ''  # of the device's diagnostic
         self._due = clock.now()
-        self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node('bench', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         kind = _KINDS.get(self._target.trial.field, JointState)
         inputs = {f'{node}/estop_in': Bool, f'{node}/{self._target.trial.command}': kind}
         if self._target.trial.is_measured:
@@ -75,26 +65,22 @@ class Commander:
         self._topics = list(inputs)
         self._beside = [f'{node}/{topic}' for topic in self._target.trial.beside]
         self._publishers = [
-            self._node.create_publisher(kind, topic, 10) for topic, kind in inputs.items()
+            self.node.create_publisher(kind, topic, 10) for topic, kind in inputs.items()
         ]
-        self._listen()
-        self._parameters = self._node.create_client(GetParameters, f'{node}/get_parameters')
-        self._ask_at = 0.0  # for its parameters, until it has answered
-
-    def _listen(self) -> None:
-        create, name = self._node.create_subscription, self._node_name
-        qos = latched_qos()
+        create, qos = self.node.create_subscription, latched_qos()
         qos.depth = 100  # one that came and went while we were held up, too
-        create(Bool, f'{name}/estop', self._on_estop, qos)
+        create(Bool, f'{node}/estop', self._on_estop, qos)
         if self._target.trial.is_measured:
-            create(Bool, f'{name}/enabled', self._on_enabled, latched_qos())
-            create(JointState, f'{name}/joint_states', self._on_joints, 10)
+            create(Bool, f'{node}/enabled', self._on_enabled, latched_qos())
+            create(JointState, f'{node}/joint_states', self._on_joints, 10)
         create(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._parameters = self.node.create_client(GetParameters, f'{node}/get_parameters')
+        self._ask_at = 0.0  # for its parameters, until it has answered
 
     def facts(self) -> Facts:
         """Return what is known by now."""
         ours = self._topics
-        counts = {topic: self._node.count_publishers(topic) for topic in (*ours, *self._beside)}
+        counts = {topic: self.node.count_publishers(topic) for topic in (*ours, *self._beside)}
         listeners = [publisher.get_subscription_count() for publisher in self._publishers]
         now = clock.now()
         silent = self._estop is not None and now - self._estop_at > SILENCE_LIMIT
@@ -131,7 +117,7 @@ class Commander:
             self._parameters.call_async(request).add_done_callback(self._on_parameters)
         self._due = max(self._due + 1.0 / self._rate, clock.now())
         while True:  # once at least, however late we are
-            self._executor.spin_once(timeout_sec=max(0.0, self._due - clock.now()))
+            self.spin_once(max(0.0, self._due - clock.now()))
             if clock.now() >= self._due:
                 return
 
@@ -176,19 +162,9 @@ class Commander:
         else:
             self._joints = names
 
-    def __enter__(self) -> Commander:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if error is not None and self._joints:
+    def __exit__(self, *error: object) -> None:
+        if any(error) and self._joints:
             self.publish(Order(estop=True))
         for publisher in self._publishers:
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE_LIMIT))
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        super().__exit__()

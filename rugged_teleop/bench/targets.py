@@ -30,7 +30,8 @@ class Target:
         """Return what to publish on the command's topic; None: nothing."""
         from sensor_msgs.msg import JointState, Joy
 
-        values = [order.value or 0.0 if each == joint else 0.0 for each in joints]
+        shares = [order.value or 0.0 if each == joint else 0.0 for each in joints]
+        values = self.trial.field_of(shares)
         if self.trial.field == 'axes':
             return Joy(axes=values)
         if self.trial.is_measured:

@@ -17,9 +17,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import sys
-from typing import TextIO
 
-from bridge_core import clock
+from bridge_core.options import whole_within
 from rugged_teleop.command_line import is_of_output, Parser
 from rugged_teleop.decode.captures import Capture, FORMATS, opened
 from rugged_teleop.decode.plot import Picture
@@ -37,7 +36,6 @@ examples:
   candump -t a can0 | {prog} -
 """
 _BITRATE = 250000  # of Akron's units, and of the VSC as delivered
-_PROGRESS_PERIOD = 0.25  # s
 
 
 def parser(prog: str) -> Parser:
@@ -49,7 +47,12 @@ def parser(prog: str) -> Parser:
     add('--protocol', choices=PROTOCOLS, default='', help='default: by its content')
     add('--as', dest='output', choices=WRITERS, default='table', help='default: table')
     add('--plot', metavar='OUT.png', help='also a picture: sticks, stops, commands over time')
-    add('--bitrate', type=_bitrate, default=_BITRATE, help='of a CAN bus, for its load (250000)')
+    add(
+        '--bitrate',
+        type=whole_within(1000, 1_000_000),
+        default=_BITRATE,
+        help='of a CAN bus in bit/s, for its load (250000)',
+    )
     return result
 
 
@@ -109,45 +112,11 @@ def _copy(
     statistics: Statistics,
     picture: Picture | None,
 ) -> None:
-    progress = _Progress(capture, sys.stderr)
-    try:
-        for entry in entries_of(capture, protocol):
-            statistics.add(entry)
-            if picture is not None:
-                picture.add(entry)
-            writer.write(capture.name, entry)
-            progress.tell(entry.offset)
-    finally:
-        progress.end()
-
-
-class _Progress:
-    """A line on a terminal that shows nothing else; elsewhere nothing."""
-
-    def __init__(self, capture: Capture, out: TextIO) -> None:
-        self._capture = capture
-        self._out = out
-        self._shown = out.isatty() and not sys.stdout.isatty() and capture.size > 0
-        self._next = 0.0
-
-    def tell(self, offset: int) -> None:
-        """Show how far it is, now and then."""
-        if self._shown and clock.now() >= self._next:
-            self._next = clock.now() + _PROGRESS_PERIOD
-            percent = 100 * offset // self._capture.size
-            print(f'\r{self._capture.name}: {percent} %', end='', file=self._out, flush=True)
-
-    def end(self) -> None:
-        """Leave the line empty."""
-        if self._shown:
-            print('\r\033[K', end='', file=self._out, flush=True)
-
-
-def _bitrate(text: str) -> int:
-    value = int(text) if text.isascii() and text.isdecimal() else 0
-    if not 1000 <= value <= 1_000_000:
-        raise argparse.ArgumentTypeError(f'{text} is not within 1000 to 1000000 bit/s')
-    return value
+    for entry in entries_of(capture, protocol):
+        statistics.note(entry)
+        if picture is not None:
+            picture.add(entry)
+        writer.write(capture.name, entry)
 
 
 if __name__ == '__main__':

@@ -11,13 +11,13 @@ times each number that changes, by source and message.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
+from rugged_teleop.command_line import moment
 from rugged_teleop.decode.plain import flat
 from rugged_teleop.decode.protocols import Entry
-from rugged_teleop.moments import moment
 
 _STATES = ('STOPPED', 'STOPPING', 'READY', 'ACTIVE')
 _STICKS, _STATE, _STOPS = 'sticks', 'state', 'e-stop, enable'
@@ -28,12 +28,6 @@ _LINES = 12  # of a panel, and
 _PANELS = 8  # of a picture: what is more would be unreadable
 _WIDTH, _HEIGHT = 12.0, 1.8  # inches; of a panel
 _DPI = 100
-
-
-class _Axes(Protocol):
-    """What is used of a panel of matplotlib."""
-
-    def __getattr__(self, name: str) -> Callable[..., Any]: ...
 
 
 class Line:
@@ -111,7 +105,7 @@ class Picture:
         return dict(islice(found.items(), _PANELS))
 
 
-def _draw(axes: _Axes, panel: str, lines: dict[str, Line], start: float) -> None:
+def _draw(axes: Any, panel: str, lines: dict[str, Line], start: float) -> None:
     for place, (name, line) in enumerate(lines.items()):
         times = [at - start for at in line.times]
         if panel == _STOPS:  # each in a row of its own

@@ -231,14 +231,6 @@ def guess(pieces: Iterable[Piece | Damage]) -> str:
 # CAN frames and datagrams
 
 
-def _read_can(protocol: str, piece: Piece, frame: CanFrame) -> Entry | None:
-    try:
-        found = _CAN_READERS[protocol].read(frame)
-    except FrameError as error:
-        return _damaged_piece(piece, str(error))
-    return None if found is None else _entry(piece, protocol, *found)
-
-
 def _damaged_piece(piece: Piece, reason: str) -> Entry:
     where = (piece.at, piece.source, piece.identifier)
     return _damage(Damage(piece.offset, len(piece.data), reason, piece.data, *where))
@@ -248,8 +240,14 @@ def _can_entry(piece: Piece, identifier: int, protocols: Iterable[str]) -> Entry
     if piece.form:
         return _entry(piece, '', piece.form)
     frame = CanFrame(identifier, piece.data)
-    entries = (_read_can(protocol, piece, frame) for protocol in protocols)
-    return next((entry for entry in entries if entry is not None), _entry(piece, '', _OTHER))
+    for protocol in protocols:
+        try:
+            found = _CAN_READERS[protocol].read(frame)
+        except FrameError as error:
+            return _damaged_piece(piece, str(error))
+        if found is not None:
+            return _entry(piece, protocol, *found)
+    return _entry(piece, '', _OTHER)
 
 
 def _datagram_entry(piece: Piece) -> Entry:

@@ -35,7 +35,7 @@ class _Kind:
     gap: float = 0.0
     gap_offset: int = 0
 
-    def add(self, entry: Entry) -> None:
+    def note(self, entry: Entry) -> None:
         self.count += 1
         if entry.at is None:
             return
@@ -66,7 +66,7 @@ class _Bus:
     in_second: int = 0
     fullest: int = 0
 
-    def add(self, entry: Entry, at: float) -> None:
+    def note(self, entry: Entry, at: float) -> None:
         fixed, stuffed = _BITS[entry.name != 'standard frame']
         bits = fixed + 8 * entry.size
         self.least += bits
@@ -98,14 +98,14 @@ class Statistics:
     _at: float = -math.inf
     _source: str = ''  # at that time
 
-    def add(self, entry: Entry) -> None:
+    def note(self, entry: Entry) -> None:
         """Count an entry."""
         if entry.at is not None:
             self.backwards += entry.at < self._at and entry.source == self._source
             self._at, self._source = entry.at, entry.source
         if entry.identifier is not None and entry.at is not None:
             bus = self._buses.setdefault(entry.source, _Bus(entry.at, entry.at))
-            bus.add(entry, entry.at)
+            bus.note(entry, entry.at)
         if entry.damaged:
             self._add_damage(entry)
             return
@@ -116,7 +116,7 @@ class Statistics:
         key = (entry.source if ours else '', identifier, entry.name)
         if key not in self._kinds and len(self._kinds) >= _MOST_KINDS:
             key = _OTHERS
-        self._kinds.setdefault(key, _Kind()).add(entry)
+        self._kinds.setdefault(key, _Kind()).note(entry)
 
     def _add_damage(self, entry: Entry) -> None:
         self.damaged += 1

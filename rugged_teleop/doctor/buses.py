@@ -18,9 +18,8 @@ from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of
 from rugged_teleop.devices import protocols
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import bridge_of, Configured
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding
 from rugged_teleop.doctor.listening import device_findings, Heard, listen
 
 BITRATE = 250000  # of the units, and of the VSC as delivered

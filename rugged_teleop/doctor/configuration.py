@@ -16,8 +16,7 @@ from bridge_core.parameter_files import check_sections, parameters_for, sections
 from bridge_core.parameters import full_topic, is_ros_parameter, names_of, ParameterError, resolve
 from bridge_core.transports.bridge import Bridge
 from rugged_teleop.devices import devices, loaded
-from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding
 from rugged_teleop.recorder import parameters as recorder
 from rugged_teleop.reference import NODES
 from safety_mux.configuration import check
@@ -162,12 +161,11 @@ def _topics(node: Configured) -> tuple[str, ...]:
 
 def sources(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield parameter and topic of what a mux needs to hear, or hears where it is there."""
-    groups = (
-        ('estop', 'estop_sources'),
-        ('operator', 'operators'),
-        ('speed_limit', 'speed_limits'),
-    )
-    names = [f'{prefix}.{name}.topic' for prefix, key in groups for name in names_of(values, key)]
+    names = [
+        f'{prefix}.{name}.topic'
+        for prefix, key in _LISTS.items()
+        for name in names_of(values, key)
+    ]
     for name in names_of(values, 'estop_sources'):
         names += [f'estop.{name}.own_topic', f'estop.{name}.enabled_topic']
     for name in (*names, 'feedback.topic', 'autonomy.topic', 'reset_topic', 'drive_enabled_topic'):

@@ -10,8 +10,8 @@ may end the process that loads it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 import itertools
 import json
 import os
@@ -21,12 +21,12 @@ import sys
 from typing import Any
 
 from bridge_core import clock
+from bridge_core.reasons import Coded, from_values
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.devices import devices
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import MUX
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding, passed
 from rugged_teleop.reference import NODES
 
 UNSEEN = ('no nodes live', 'node not live')  # kinds of findings: a node may be elsewhere
@@ -72,12 +72,24 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Said:
-    """The last diagnostic of one name. :param inhibits: of a mux, why nothing moves."""
+    """
+    The last diagnostic of one name.
+
+    :param inhibits: of a mux, why nothing moves. :param code: of what a device says first.
+    """
 
     name: str
     level: int
     text: str
     inhibits: tuple[str, ...] = ()
+    code: str = ''
+
+    @classmethod
+    def of(cls, name: str, level: int, text: str, values: Mapping[str, str]) -> Said:
+        """Return what a diagnostic says."""
+        inhibits = [words for key, words in values.items() if key.startswith('inhibit ')]
+        reasons = from_values(values, inhibits)[: len(inhibits)]
+        return cls(name, level, text, tuple(reasons), values.get('code', ''))
 
 
 @dataclass(frozen=True)
@@ -134,43 +146,25 @@ def refused_files(files: Iterable[str]) -> Iterator[Finding]:
 def look(seconds: float) -> Graph:
     """Join the graph for a while; nothing is published."""
     from diagnostic_msgs.msg import DiagnosticArray
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
     from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-    from bridge_core.runner import avoid_shared_memory
+    from rugged_teleop.asker import Visitor
 
-    avoid_shared_memory()
     said: dict[str, Said] = {}
 
     def on_diagnostics(message: Any) -> None:
-        said.update((status.name, _said(status)) for status in message.status)
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            said[status.name] = Said.of(status.name, ord(status.level), status.message, values)
 
-    context = Context()
-    rclpy.init(context=context, args=[])
-    options = {'start_parameter_services': False, 'enable_rosout': False}
-    node = Node(f'{_NODE}_{os.getpid()}', context=context, use_global_arguments=False, **options)
-    executor = SingleThreadedExecutor(context=context)
-    try:
+    with Visitor(f'{_NODE}_{os.getpid()}') as visitor:
         # Best effort: nobody ever waits for this reader.
         qos = QoSProfile(depth=_DIAGNOSTICS_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos)
-        executor.add_node(node)
+        visitor.node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos)
         end = clock.now() + seconds
         while clock.now() < end:
-            executor.spin_once(timeout_sec=_WAIT)
-        return Graph(tuple(_endpoints(node)), tuple(said.values()))
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
-
-
-def _said(status: Any) -> Said:
-    inhibits = tuple(pair.value for pair in status.values if pair.key.startswith('inhibit '))
-    return Said(status.name, ord(status.level), status.message, inhibits)
+            visitor.spin_once(_WAIT)
+        return Graph(tuple(_endpoints(visitor.node)), tuple(said.values()))
 
 
 def _endpoints(node: Any) -> Iterator[Endpoint]:
@@ -253,14 +247,15 @@ def _has_sources(graph: Graph, mux: str) -> bool:
 def _said_findings(said: Said, has_sources: bool) -> Iterator[Finding]:
     if said.inhibits:
         for text in said.inhibits:
-            kind = 'source quiet' if has_sources and text.endswith(_START) else 'inhibit'
-            yield finding(
-                kind, name=said.name, text=text if kind == 'inhibit' else text.removesuffix(_START)
-            )
-    elif said.level >= NodeLevel.ERROR:
-        yield finding('node says error', name=said.name, text=said.text)
+            if has_sources and text.endswith(_START):
+                quiet = finding('source quiet', name=said.name, text=text.removesuffix(_START))
+                yield replace(quiet, code=getattr(text, 'code', ''))
+            else:
+                yield passed('inhibit', text, name=said.name)
     elif said.level >= NodeLevel.WARN:
-        yield finding('node warns', name=said.name, text=said.text)
+        kind = 'node says error' if said.level >= NodeLevel.ERROR else 'node warns'
+        text = Coded(said.code, said.text) if said.code else said.text
+        yield passed(kind, text, name=said.name)
 
 
 if __name__ == '__main__':

@@ -28,9 +28,8 @@ from bridge_core.waiting import ready
 from rugged_teleop.decode.captures import Capture
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.protocols import entries_of, guess
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding, passed
 
 BAUDS = (115200, 57600, 9600, 19200, 38400, 230400, 460800, 921600, 1000000)
 _BAUD_TIME = 0.4  # s, for each
@@ -205,8 +204,8 @@ def device_findings(node: Configured, heard: Heard) -> list[Finding]:
     asked = node.device.actuator  # silent, or complains, while nobody asks or commands it
     stop = 'device unasked' if asked and not heard.probed else 'device stops'
     warnings = () if asked else heard.warnings
-    findings = [finding(stop, text=text, **words) for text in heard.stops]
-    findings += [finding('device warns', text=text, **words) for text in warnings]
+    findings = [passed(stop, text, **words) for text in heard.stops]
+    findings += [passed('device warns', text, **words) for text in warnings]
     return findings or [finding('device well', text=heard.summary, **words)]
 
 

@@ -24,9 +24,8 @@ import sys
 from bridge_core.options import number_within
 from rugged_teleop.command_line import Parser
 from rugged_teleop.doctor.buses import bus_findings, hear_bus, is_passive, on_can
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import Configured, configured, serial_port, wiring
-from rugged_teleop.doctor.findings import Finding, HEADINGS, Level
+from rugged_teleop.doctor.findings import Finding, finding, HEADINGS, Level
 from rugged_teleop.doctor.graph import look_apart, UNSEEN
 from rugged_teleop.doctor.networks import group_findings, hear_group, network_filters, on_network
 from rugged_teleop.doctor.ports import (
@@ -39,9 +38,13 @@ from rugged_teleop.doctor.ports import (
     usb_ports,
     User,
 )
-from rugged_teleop.doctor.processes import elsewhere_findings, running_nodes
 from rugged_teleop.doctor.serial_lines import hear, line_findings, unknown_port
-from rugged_teleop.doctor.system import computer_findings, this_computer
+from rugged_teleop.doctor.system import (
+    computer_findings,
+    elsewhere_findings,
+    running_nodes,
+    this_computer,
+)
 
 _EXAMPLES = """\
 examples:
@@ -84,7 +87,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doct
         findings = examine(options)
     except KeyboardInterrupt:
         sys.exit(130)
-    print(_as_json(findings) if options.json else _as_list(findings, options.probe))
+    if options.json:
+        found = [each.to_json() for each in findings]
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+    else:
+        print(_as_list(findings, options.probe))
     sys.exit(int(any(each.level is Level.DO for each in findings)))
 
 
@@ -170,10 +177,6 @@ def _unheard(
     return unheard, findings
 
 
-def _as_json(findings: Iterable[Finding]) -> str:
-    return json.dumps([each.to_json() for each in findings], indent=2, ensure_ascii=False)
-
-
 def _as_list(findings: Sequence[Finding], probed: bool) -> str:
     """Return the list, what is to be done last, where it is seen first."""
     lines = []
@@ -182,7 +185,8 @@ def _as_list(findings: Sequence[Finding], probed: bool) -> str:
         lines += [f'{heading}: {len(found) or "nothing"}']
         for each in dict.fromkeys(found):
             lines.append(f'  {each.area:10}  {each.text}')
-            lines += [f'  {"":10}  -> {each.remedy}'] if each.remedy else []
+            code = f' [{each.code}]' if each.code else ''
+            lines += [f'  {"":10}  -> {each.remedy}{code}'] if each.remedy else []
     return '\n'.join([*lines, _SENT[probed]])
 
 

@@ -17,9 +17,8 @@ from bridge_core import clock
 from bridge_core.decoding import DatagramDecoder
 from bridge_core.transports.multicast import addresses
 from rugged_teleop.devices import protocols
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import bridge_of, Configured
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding
 from rugged_teleop.doctor.listening import device_findings, Heard, listen
 
 _ELSEWHERE_TIME = 0.5  # s; a VRPI comes every 0.125 s
@@ -88,17 +87,14 @@ def arrival_of(group: str, port: int, seconds: float) -> str:
     Empty: none came, or only root may look (CAP_NET_RAW).
     """
     end = clock.now() + seconds
-    with contextlib.suppress(OSError), _sniffer() as sniffer:  # no right, or nothing more in time
+    kind = socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(_ETH_P_IP)
+    with contextlib.suppress(OSError), socket.socket(*kind) as sniffer:  # no right, or no more
         while (left := end - clock.now()) > 0:
             sniffer.settimeout(left)
-            data, (interface, _, kind, *_) = sniffer.recvfrom(_HEADERS)
-            if kind != socket.PACKET_OUTGOING and _destination(data) == (group, port):
+            data, (interface, _, way, *_) = sniffer.recvfrom(_HEADERS)
+            if way != socket.PACKET_OUTGOING and _destination(data) == (group, port):
                 return str(interface)
     return ''
-
-
-def _sniffer() -> socket.socket:
-    return socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(_ETH_P_IP))
 
 
 def _destination(packet: bytes) -> tuple[str, int]:

@@ -19,8 +19,7 @@ from serial.tools import list_ports
 from bridge_core.realtime import user_name
 from bridge_core.transports.exclusive import PTY_MAJORS
 from bridge_core.transports.serial_identity import identity_of
-from rugged_teleop.doctor.catalogue import finding
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding
 from rugged_teleop.reference import NODES
 
 PROC = Path('/proc')

@@ -5,16 +5,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bridge_core.decoding import StreamDecoder
 from bridge_core.transports import TransportError
 from rugged_teleop.devices import protocols
-from rugged_teleop.doctor.catalogue import finding
 from rugged_teleop.doctor.configuration import bridge_of, Configured, serial_port
-from rugged_teleop.doctor.findings import Finding
+from rugged_teleop.doctor.findings import Finding, finding
 from rugged_teleop.doctor.listening import (
     BAUDS,
     device_findings,
@@ -119,25 +118,13 @@ def _line_findings(line: Line) -> list[Finding]:
         return [finding(kind, other=line.speaker, **words)]
     if line.baud and line.baud != values['baud']:
         return [finding('wrong baud', heard=line.baud, baud=values['baud'], **words)]
-    if line.protocol and not heard.link_up and _layouts(line.node.name) > 1:
+    layouts = [*SPEAKERS.values()].count(line.node.name)
+    if line.protocol and not heard.link_up and layouts > 1:
         return [finding('other layout', **words)]
     if heard.link_up or line.protocol:
         return device_findings(line.node, heard)
-    return list(_garbage(line, **words))
-
-
-def _layouts(node: str) -> int:
-    return [*SPEAKERS.values()].count(node)
-
-
-def _garbage(line: Line, **words: str) -> Iterator[Finding]:
-    """Say what may be wrong with bytes that are of no protocol."""
-    explained = _explained(b''.join(line.heard.chunks))
-    if explained is not None:
-        kind, more = explained
-        yield finding(kind, **more, **words)
-    else:
-        yield finding('no frames', **words)
+    kind, more = _explained(b''.join(heard.chunks)) or ('no frames', {})
+    return [finding(kind, **more, **words)]
 
 
 def _explained(data: bytes) -> tuple[str, Mapping[str, str]] | None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters of other nodes, asked for once for each start of a node."""
+"""The parameters of other nodes, asked once at each start of theirs."""
 
 from __future__ import annotations
 

@@ -5,19 +5,16 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 import re
 import time
 
+from rugged_teleop.recorder.reasons import FAULT
+
 UNFINISHED = '.part'
+KEPT = 'kept'  # a folder in that of the recordings: nothing in it is ever removed, or counts
 PARAMETERS_OF = 'parameters of '  # begins the name of a metadata record, in a recording
 _OURS = re.compile(r'\d{8}T\d{6}\.\d{3}Z_[\w-]+\.mcap(\.part)?')
-
-
-def default_folder() -> Path:
-    """Return where recordings are if nobody said: a folder in ROS's own."""
-    return Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'rugged_teleop'
 
 
 def file_name(at: float, reason: str) -> str:
@@ -48,18 +45,25 @@ class Folder:
             return []
         return sorted(path for path in self.path.iterdir() if _OURS.fullmatch(path.name))
 
+    def keep(self, path: Path) -> Path:
+        """Have a recording never removed; return where it is now. :raises OSError: it is not."""
+        kept = self.path / KEPT / path.name
+        kept.parent.mkdir(0o750, exist_ok=True)
+        return path.rename(kept)
+
     def make_room(self) -> list[Path]:
         """
-        Remove the oldest recordings beyond the quota, but never the newest; return them.
+        Remove recordings beyond the quota, but never the newest; return them.
+
+        Faults go first, for one that comes and goes would push out all stops; then the oldest.
 
         :raises OSError: one cannot be removed.
         """
-        kept = self.recordings()
-        sizes = {path: path.stat().st_size for path in kept}
+        sizes = {path: path.stat().st_size for path in self.recordings()}
+        waiting = sorted([*sizes][:-1], key=lambda path: f'Z_{FAULT}_' not in path.name)
         removed = []
-        while len(kept) > 1 and (
-            len(kept) > self._files or sum(sizes[path] for path in kept) > self._quota
-        ):
-            removed.append(kept.pop(0))
+        while waiting and (len(sizes) > self._files or sum(sizes.values()) > self._quota):
+            removed.append(waiting.pop(0))
             removed[-1].unlink()
+            del sizes[removed[-1]]
         return removed

@@ -8,9 +8,17 @@ It is a process of its own and only listens. The lane's thread receives, the exe
 nodes and topics and asks for parameters, and a third one writes: a disk delays nobody.
 """
 
-from functools import partial
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from functools import lru_cache, partial
+import json
+import os
 from pathlib import Path
+import platform
 import sys
+import time
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,24 +27,31 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from bridge_core import clock
+from bridge_core import clock, refusals
 from bridge_core.diagnostics import to_msg
+from bridge_core.fingerprint import version
 from bridge_core.lane import waited
-from bridge_core.managed_node import ManagedNode
+from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameter_files import beside
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.report import Status
 from bridge_core.runner import run
 from bridge_core.session import Level
+from rugged_teleop.devices import devices
+from rugged_teleop.ledger.book import tail
+from rugged_teleop.ledger.stopping import curves_of, Point, Trend
+from rugged_teleop.ledger.tried import Tried
+from rugged_teleop.ledger.witness import Witness
+from rugged_teleop.ledger.writer import LedgerWriter
 from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of, message_class
-from rugged_teleop.recorder.folder import default_folder, Folder
+from rugged_teleop.recorder.folder import Folder, KEPT
 from rugged_teleop.recorder.parameters import check, PARAMETERS
-from rugged_teleop.recorder.reasons import Nodes, Reasons, STOP
+from rugged_teleop.recorder.reasons import Nodes, Reasons, Schedule, STOP
 from rugged_teleop.recorder.ring import Channel, Heard, Ring
-from rugged_teleop.recorder.schedule import Schedule
 
 _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
 _STEP_PERIOD = 0.1  # s, between two batches for the disk
@@ -66,10 +81,14 @@ class Recorder(ManagedNode):
         values = self.values
         self._ring = Ring(values['seconds'], values['memory'] * _MB)
         self._schedule = Schedule(values['after'], values['period'])
-        path = Path(values['folder']).expanduser() if values['folder'] else default_folder()
+        path = (
+            Path(values['folder']).expanduser() if values['folder'] else refusals.default_folder()
+        )
         self.folder = Folder(path.absolute(), values['quota'] * _MB, values['files'])
-        self._writer = FileWriter(self.folder, self._log)
-        self._reasons = Reasons(lambda kind, data: deserialize_message(data, message_class(kind)))
+        self._ledger_topic = self.create_publisher(String, '~/ledger', latched_qos())
+        self._ledger, self._witness = self._make_ledger()
+        self._writer = FileWriter(self.folder, self._say)
+        self._reasons = Reasons(_read)
         self._asked = AskedParameters(self)
         self._nodes = Nodes()
         # By topic: its publishers are all transient local, and the subscription.
@@ -78,6 +97,7 @@ class Recorder(ManagedNode):
         self._batch: list[Heard] = []  # for the disk
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/save', self._on_save)
+        self.create_service(Trigger, '~/keep', self._on_keep)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD, self._look_around, clock=steady)
         self.lane.every(_STEP_PERIOD, self._step)
@@ -87,6 +107,26 @@ class Recorder(ManagedNode):
     def check_parameters(self, values: dict[str, Any]) -> None:
         """Refuse a period that would leave gaps. :raises ParameterError: it."""
         check(values)
+
+    def _make_ledger(self) -> tuple[LedgerWriter, Witness]:
+        values = self.values
+        trend = Trend(
+            _curves(values['commissioning.report']), values['commissioning.stop_tolerance']
+        )
+        file = values['ledger.file']
+        path = Path(file).expanduser().absolute() if file else self.folder.path / 'ledger.jsonl'
+        anchor = Path(values['ledger.anchor']).expanduser() if values['ledger.anchor'] else None
+        written: list[dict[str, Any]] = []
+        with suppress(OSError):  # it is new, or its writer says what is wrong
+            _, written = tail(path)
+        publish = self._ledger_topic.publish
+        ledger = LedgerWriter(
+            path, anchor, lambda line: self.lane.post(publish, String(data=line))
+        )
+        ledger.note('recorder started', node=self.get_fully_qualified_name(), **_versions())
+        actuators = {name for name, device in devices().items() if device.actuator}
+        tried = Tried(values['commissioning.test_interval'], actuators, written)
+        return ledger, Witness(_read, ledger.note, written, trend, tried)
 
     # Lifecycle.
 
@@ -102,6 +142,8 @@ class Recorder(ManagedNode):
         """Leave, and end the thread that writes."""
         super().shut_down()
         self._writer.stop(_LEAVE_TIME)
+        self._ledger.note('recorder ended')
+        self._ledger.stop(_LEAVE_TIME)
 
     def leave(self) -> None:
         """Complete the file, and forget what was heard."""
@@ -120,6 +162,9 @@ class Recorder(ManagedNode):
         """Subscribe to all that the package's nodes publish and listen to."""
         if not self.active:
             return
+        with suppress(OSError, RuntimeError):  # it is tried again; RuntimeError: no home
+            for refused in refusals.take():
+                self._ledger.note('refused', **refused)
         topics: dict[str, str] = {}
         found, muxes = [], []
         for name, namespace in self.get_node_names_and_namespaces():
@@ -138,6 +183,7 @@ class Recorder(ManagedNode):
         self._nodes = Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
         self.lane.post(self._reasons.know, self._nodes)
         self._asked.look(found, clock.now())
+        self.lane.post(self._witness.know, self._nodes.all, self._nodes.muxes, self._asked.known)
         for topic, kind in topics.items():
             self._listen(topic, kind)
 
@@ -173,9 +219,10 @@ class Recorder(ManagedNode):
         self._ring.add(heard)
         if self._schedule.is_open:
             self._batch.append(heard)
-        reason = self._reasons.of(channel.topic, data)
+        reason = self._reasons.reason_of(channel.topic, data)
         if reason:
             self._schedule.ask(reason, at)
+        self._witness.hear(channel.topic, data, at)
 
     def _step(self, now: float) -> None:
         """Begin, continue and end a recording."""
@@ -197,8 +244,8 @@ class Recorder(ManagedNode):
         if self._schedule.is_open:
             self._writer.add(self._batch)
             self._batch = []
-            self._writer.end(self._reason(), self._asked.known)
-            self._schedule.end(clock.now())
+            self._writer.finish(self._reason(), self._asked.known)
+            self._schedule.ended(clock.now())
         if not self.active:
             self._ring.clear()
             self._schedule.reason = ''
@@ -232,7 +279,25 @@ class Recorder(ManagedNode):
         after = self._schedule.after
         return True, f'recording to {self.folder.path}, for {after:g} s more'
 
+    def _on_keep(self, request: Any, response: Any) -> Any:
+        del request
+        names: list[str] = []
+        self._writer.keep(names.append)
+        if not self._writer.wait(_SAVE_TIME):
+            response.message = _SLOW_DISK
+        elif not names:
+            response.message = 'nothing is kept: there is no recording'
+        else:
+            response.success = True
+            response.message = f'{names[0]} is never removed; what is in {KEPT}/ does not count'
+        return response
+
     # What is said of it.
+
+    def _say(self, text: str, ok: bool) -> None:
+        """Say what became of a recording, in log and ledger."""
+        self._log(text, ok)
+        self._ledger.note('recording', says=text)
 
     def _log(self, text: str, ok: bool) -> None:
         if ok:
@@ -241,10 +306,13 @@ class Recorder(ManagedNode):
             self.get_logger().warning(text)
 
     def _diagnose(self, now: float) -> None:
-        del now
+        self._witness.look(now, time.time())
         name = self.get_fully_qualified_name().lstrip('/')
         status = to_msg(self._status(), f'{name}: recordings', str(self.folder.path))
-        array = DiagnosticArray(status=[status])
+        path = str(self._ledger.book.path)
+        array = DiagnosticArray(
+            status=[status, to_msg(self._ledger_status(), f'{name}: ledger', path)]
+        )
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
@@ -275,6 +343,68 @@ class Recorder(ManagedNode):
         }
         values |= {f'not recorded {n}': text for n, text in enumerate(self._unknown.values(), 1)}
         return Status(level, message, values)
+
+    def _ledger_status(self) -> Status:
+        ledger, trend = self._ledger, self._witness.trend
+        anchor = '' if ledger.anchor is None else ledger.anchor.error
+        overdue = ', '.join(self._witness.tried.overdue(time.time()))
+        level, message = Level.WARN, ''
+        if ledger.error:
+            level, message = Level.ERROR, f'make room or correct ledger.file: {ledger.error}'
+        elif ledger.lost:
+            message = 'make room: some lines are lost for ever'
+        elif trend.warnings:
+            slow = '; '.join(trend.warnings.values())
+            message = f'have the brakes looked at, they stop slower than commissioned: {slow}'
+        elif overdue:
+            message = f'press and release each of these, last seen to work: {overdue}'
+        elif anchor:
+            message = f'correct ledger.anchor: {anchor}'
+        else:
+            level, message = Level.OK, 'ok'
+        values = {
+            'lines': ledger.book.head.number,
+            'head': ledger.book.head.digest,
+            'anchored': 'no' if ledger.anchor is None or anchor else 'yes',
+            'lost lines': ledger.lost,
+            'last stop': self._witness.last_stop or 'none',
+            'last seen to work': ', '.join(self._witness.tried.said(time.time())) or 'none',
+        }
+        for joint, stops in trend.recent.items():
+            values[f'stops of {joint} (rad/s, s, commissioned s)'] = '; '.join(map(_stop, stops))
+        return Status(level, message, values)
+
+
+@lru_cache(maxsize=1)  # a status is read for recordings, and again for the ledger
+def _read(kind: str, data: bytes) -> Any:
+    return deserialize_message(data, message_class(kind))
+
+
+def _stop(numbers: Iterable[float | None]) -> str:
+    return ' '.join('-' if each is None else f'{each:.2f}' for each in numbers)
+
+
+def _versions() -> dict[str, str]:
+    return {
+        'version': version(),
+        'ros': os.environ.get('ROS_DISTRO', 'unknown'),
+        'python': platform.python_version(),
+        'computer': platform.node(),
+        'system': platform.release(),
+    }
+
+
+def _curves(report: str) -> dict[str, list[Point]]:
+    """Return how joints stopped when commissioned. :raises ParameterError: it is no report."""
+    if not report:
+        return {}
+    path = Path(report).expanduser()
+    try:
+        file = path / 'report.json' if path.is_dir() else path
+        return curves_of(json.loads(file.read_text(encoding='utf-8')))
+    except (OSError, ValueError) as error:
+        text = f'parameter commissioning.report = {report!r}: {error}'
+        raise ParameterError(text) from error
 
 
 def main() -> None:

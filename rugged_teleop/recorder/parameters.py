@@ -22,7 +22,7 @@ PARAMETERS = (
     Parameter(
         'after',
         10.0,
-        'How long a recording goes on after what it is made of; period is the most.',
+        'How long a recording goes on after its reason; at most period.',
         unit='s',
         minimum=0.1,
         maximum=60.0,
@@ -31,8 +31,8 @@ PARAMETERS = (
     Parameter(
         'period',
         60.0,
-        'From the beginning of one recording to that of the next, but for ~/save. What happens '
-        'within it is in the next one; not longer than seconds.',
+        'From the beginning of one recording to that of the next, but for ~/save; not longer than '
+        'seconds.',
         unit='s',
         minimum=1.0,
         maximum=600.0,
@@ -41,7 +41,7 @@ PARAMETERS = (
     Parameter(
         'memory',
         100,
-        'What is kept in memory is at most this, whatever seconds says.',
+        'Most that is kept in memory, whatever seconds says.',
         unit='MB',
         minimum=1,
         maximum=10000,
@@ -50,15 +50,14 @@ PARAMETERS = (
     Parameter(
         'folder',
         '',
-        'Where the recordings are. Empty: rugged_teleop in the folder of ROS: ROS_HOME, or .ros '
-        'in your own.',
+        'Where the recordings are. Empty: rugged_teleop in ROS_HOME, or in .ros of your home.',
         fixed=True,
         section='disk',
     ),
     Parameter(
         'quota',
         1000,
-        'What the recordings in the folder may take; the oldest go first.',
+        'What the recordings in the folder may take; first faults go, then the oldest.',
         unit='MB',
         minimum=1,
         maximum=1000000,
@@ -67,9 +66,46 @@ PARAMETERS = (
     Parameter(
         'files',
         100,
-        'How many recordings the folder may have; the oldest go first.',
+        'How many recordings the folder may have; first faults go, then the oldest.',
         minimum=1,
         maximum=100000,
+        fixed=True,
+    ),
+    Parameter(
+        'ledger.file',
+        '',
+        'The ledger. Empty: ledger.jsonl in the folder of the recordings.',
+        fixed=True,
+        section='ledger',
+    ),
+    Parameter(
+        'ledger.anchor',
+        '',
+        'File, pipe or printer, best on another computer, that gets number and SHA-256 of each '
+        'newest line.',
+        fixed=True,
+    ),
+    Parameter(
+        'commissioning.report',
+        '',
+        'report.json of the commissioned machine, or its folder, to compare stops with.',
+        fixed=True,
+    ),
+    Parameter(
+        'commissioning.stop_tolerance',
+        0.25,
+        'How much longer than commissioned a stop may take: 0.25 is a quarter.',
+        minimum=0.05,
+        maximum=2.0,
+        fixed=True,
+    ),
+    Parameter(
+        'commissioning.test_interval',
+        0.0,
+        'Warns of each stop and deadman that was not seen to work for so long. 0: never.',
+        unit='h',
+        minimum=0.0,
+        maximum=10000.0,
         fixed=True,
     ),
 )

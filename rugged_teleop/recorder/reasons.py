@@ -1,11 +1,17 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is worth a recording, by what the nodes say. Pure, but for the messages."""
+"""
+What is worth a recording, and when one begins and ends: a storm of stops gives one a minute.
+
+Pure, but for the messages.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 STOP, TRIP, FAULT = 'stop', 'trip', 'fault'
@@ -48,7 +54,7 @@ class Reasons:
         self._nodes = nodes
         self._stopping = tuple(f'{name}/estop' for name in nodes.muxes or nodes.all)
 
-    def of(self, topic: str, data: bytes) -> str:
+    def reason_of(self, topic: str, data: bytes) -> str:
         """Return why this message is worth a recording; empty: it is not."""
         if topic in self._stopping:
             return self._of_estop(topic, data)
@@ -91,3 +97,60 @@ class Reasons:
             if status.level == _ERROR and before is not None and before < _ERROR:
                 faults.append(status.name)
         return f'{FAULT}_{faults[0]}' if faults else ''
+
+
+_WEIGHTS = ('save', 'fault', 'trip', 'stop')  # how a reason begins, the weightiest last
+
+
+@dataclass
+class Schedule:
+    """
+    One recording at a time.
+
+    What is asked for within one prolongs it, up to ``period``; then the next one follows. What is
+    asked for later, but sooner than ``period`` after its beginning, waits until then: the ring
+    still has it.
+
+    :param after: seconds that a recording goes on after what was asked for.
+    :param period: least seconds from the beginning of one to that of the next.
+    :param reason: of what is recorded, or waits: the weightiest that was asked for.
+    """
+
+    after: float
+    period: float
+    reason: str = ''
+    is_open: bool = False
+    begun_at: float = -math.inf
+    _asked_at: float = -math.inf
+
+    def ask(self, reason: str, now: float, *, at_once: bool = False) -> None:
+        """Have a recording made. :param at_once: somebody asks, so the period does not matter."""
+        self._asked_at = now
+        if not self.reason or _weight(reason) > _weight(self.reason):
+            self.reason = reason
+        if at_once and not self.is_open:
+            self.begun_at = -math.inf
+
+    def may_begin(self, now: float) -> bool:
+        """Tell whether a recording has to begin now."""
+        return bool(self.reason) and not self.is_open and now >= self.begun_at + self.period
+
+    def begin(self, now: float) -> None:
+        """Note that it has begun."""
+        self.is_open, self.begun_at = True, now
+
+    def may_end(self, now: float) -> bool:
+        """Tell whether the recording is complete."""
+        return self.is_open and now >= min(
+            self._asked_at + self.after, self.begun_at + self.period
+        )
+
+    def ended(self, now: float) -> None:
+        """Note that it has ended; what is too young for it has the next one, at once."""
+        self.is_open = False
+        if now >= self._asked_at + self.after:
+            self.reason = ''
+
+
+def _weight(reason: str) -> int:
+    return _WEIGHTS.index(reason.partition('_')[0])

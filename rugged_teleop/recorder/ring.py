@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
+import math
 from typing import NamedTuple
 
 _OVERHEAD = 200  # bytes that Python takes for a message besides its data
@@ -66,11 +67,20 @@ class Ring:
         while messages and (messages[0].at < oldest or self.size > self._limit):
             self.size -= len(messages.popleft().data) + _OVERHEAD
 
-    def messages(self) -> list[Heard]:
-        """Return what is kept, in order. What is older than the rest has its first moment."""
-        since = min((message.at for message in self._messages), default=0.0)
-        older = (m._replace(at=since) for m in self._latched.values() if m.at < since)
-        return sorted([*older, *self._messages], key=lambda message: message.at)
+    def messages(self, since: float = -math.inf) -> list[Heard]:
+        """
+        Return what is kept, in order, or what came since a moment.
+
+        Of a latched channel it has what stood by then, with the first moment.
+        """
+        since = max(since, min((message.at for message in self._messages), default=0.0))
+        standing = dict(self._latched)
+        standing |= {
+            m.channel.topic: m for m in self._messages if m.channel.latched and m.at < since
+        }
+        older = (m._replace(at=since) for m in standing.values() if m.at < since)
+        newer = (message for message in self._messages if message.at >= since)
+        return sorted([*older, *newer], key=lambda message: message.at)
 
     def clear(self) -> None:
         """Forget everything."""

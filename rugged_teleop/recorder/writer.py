@@ -63,7 +63,7 @@ class RecordingFile:
         """Add what it was begun for."""
         self._writer.add_metadata('recording', {'reason': reason})
 
-    def add(self, messages: Sequence[Heard]) -> None:
+    def write(self, messages: Sequence[Heard]) -> None:
         """Add messages."""
         for heard in messages:
             self._writer.add_message(
@@ -142,6 +142,7 @@ class FileWriter:
             _WAITING
         )
         self._file: RecordingFile | None = None
+        self._is_kept = False  # it is to be
         self._ended = False
         self._thread = threading.Thread(target=self._run, name='recorder files', daemon=True)
         self._thread.start()
@@ -156,13 +157,17 @@ class FileWriter:
         """Add messages to the file."""
         self._put(len(messages), self._add, messages)
 
-    def end(self, reason: str, parameters: Parameters) -> None:
+    def finish(self, reason: str, parameters: Parameters) -> None:
         """
         Complete the file, with the reason as it is known by now in its name.
 
         :param parameters: as known by now, too: nodes that had just started may have answered.
         """
         self._put(0, self._end, reason, parameters)
+
+    def keep(self, answered: Callable[[str], None]) -> None:
+        """Keep the newest recording for ever, or the open one. :param answered: gets its name."""
+        self._put(0, self._keep, answered)
 
     def wait(self, timeout: float) -> bool:
         """Wait until all that it was told is done, and return whether it is."""
@@ -205,13 +210,27 @@ class FileWriter:
         self.error = ''
         self._file = RecordingFile(self._folder.path / name)
         self._file.add_parameters(parameters)
-        self._file.add(messages)
+        self._file.write(messages)
         self._file.flush()  # whatever becomes of this computer in the next seconds
 
     def _add(self, messages: Sequence[Heard]) -> None:
         if self._file is not None:
-            self._file.add(messages)
+            self._file.write(messages)
             self._file.flush()
+
+    def _keep(self, answered: Callable[[str], None]) -> None:
+        newest = [*self._folder.recordings()[-1:]]
+        if self._file is not None:
+            self._is_kept = True
+            answered(self._file.path.name)
+        elif newest:
+            answered(newest[0].name)
+            self._kept(newest[0])
+
+    def _kept(self, path: Path) -> None:
+        self._is_kept = False
+        self.last = str(self._folder.keep(path))
+        self._said(f'kept for ever: {self.last}', True)
 
     def _end(self, reason: str, parameters: Parameters) -> None:
         file, self._file = self._file, None
@@ -227,6 +246,8 @@ class FileWriter:
             file.close()
         self.last = str(file.path)
         self._said(f'recorded {file.path}', True)
+        if self._is_kept:
+            self._kept(file.path)
         self._look()
 
     def _look(self) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from rugged_teleop.replay.proofs import Proofs
 from safety_mux.intake import Intake, Listened
 from safety_mux.protocol import AUTONOMY, Decision, Demand, MalformedInput, OperatorSample, State
 
@@ -22,11 +23,13 @@ class Beginning:
     Feeds a mux with what might have been before a recording.
 
     :param first: by topic, what was heard about the moment at which the recording begins.
+    :param proofs: of the nodes that proved then how old their words are.
     :param period: seconds between two decisions.
     """
 
     intake: Intake
     first: dict[Listened, Any]
+    proofs: Proofs
     period: float
     now: float = 0.0
     decision: Decision = field(init=False)
@@ -84,6 +87,7 @@ class Beginning:
         self.now += self.period
         for each, message in self.first.items():
             self._feed(each, message, at_rest=each in resting, clear=clear)
+        self.proofs.make_up(self.now, clear=clear, enable=self.decision.enable)
         self.decision = self.intake.decide(self.now)
 
     def _feed(self, each: Listened, message: Any, *, at_rest: bool, clear: bool) -> None:
@@ -100,6 +104,7 @@ class Beginning:
             arbiter.drive_enabled(each.name, self.decision.enable, self.now)
         elif each.kind == 'feedback':
             arbiter.measured(self.decision.demand, self.now)
+            self.proofs.hear_stamp(each.kind, each.name, message.header.stamp, self.now)
         else:
             each.take(message, self.now)
 
@@ -115,3 +120,4 @@ class Beginning:
             zero = (0.0,) * self.intake.config.joints
             sample = OperatorSample(neutral=True, deadman=False, demand=zero)
         arbiter.operator_sample(name, sample, self.now)
+        self.proofs.hear_stamp('operator', name, message.header.stamp, self.now)

@@ -13,14 +13,22 @@ from typing import Any
 from bridge_core.parameters import full_topic, is_ros_parameter, MANAGED_PARAMETERS, resolve
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.beginning import Beginning
-from rugged_teleop.replay.found import Found, Outcome
-from rugged_teleop.replay.track import differences, Fits, is_among, Track, within_range
+from rugged_teleop.replay.proofs import Proofs
+from rugged_teleop.replay.track import (
+    differences,
+    Fits,
+    Found,
+    is_among,
+    Outcome,
+    Track,
+    within_range,
+)
 from rugged_teleop.why.events import fields_of, reason_of
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check, joint_limits
 from safety_mux.intake import Intake, Listened
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import Decision, Demand, State
+from safety_mux.protocol import Decision, Demand, Kind, State
 
 _ABOUT = 0.5  # s; what was heard so near to the beginning stands for what was before
 _ANSWERED = 0.2  # s within which a service's answer is in the log
@@ -62,7 +70,9 @@ class MuxReplay:
         self._period = 1.0 / self._values['rate']
         self._tolerance = 2.0 * self._period if tolerance is None else tolerance
         self._said = said
-        self._intake = Intake(self._values, 0.0)
+        self._now = 0.0
+        self._intake = Intake(self._values, 0.0, self._on_sound)
+        self._proofs = Proofs(self._intake.arbiter, self._values, resolved)
         self._inputs: dict[str, Listened] = {
             resolved(self._values[each.parameter]): each for each in self._intake.topics()
         }
@@ -169,7 +179,9 @@ class MuxReplay:
             listened = self._inputs.get(each.topic)
             if listened and each.message is not None and abs(each.at - since) < _ABOUT:
                 first[listened] = each.message  # the nearest comes last
-        beginning = Beginning(self._intake, first, self._period)
+            elif each.message is not None and abs(each.at - since) < _ABOUT:
+                self._proofs.begin(each.topic, each.message)
+        beginning = Beginning(self._intake, first, self._proofs, self._period)
         beginning.reach(state, owner, self._recorded['command'].at(since))
         self._offset = beginning.now - since
         self._note(beginning.decision, since, tick=True)
@@ -189,9 +201,15 @@ class MuxReplay:
             elif event.message is not None:
                 self._hear(event, now)
 
+    def _on_sound(self, kind: Kind, name: str, message: Any) -> None:
+        self._proofs.hear_stamp(kind, name, message.header.stamp, self._now)
+
     def _hear(self, said: Said, now: float) -> None:
+        self._now = now
         listened = self._inputs.get(said.topic)
-        if listened is not None and listened.take(said.message, now):
+        if self._proofs.hear(said.topic, said.message, now) or (
+            listened is not None and listened.take(said.message, now)
+        ):
             self._note(self._intake.decide(now), said.at)
         elif said.topic == f'{self._name}/transition_event':
             active = said.message.goal_state.label == 'active'
@@ -227,9 +245,13 @@ class MuxReplay:
 
     def _agreed(self, since: float) -> float:
         """Return when the output of a mux that was brought to a state began to be as it was."""
-        recorded, agreed = self._recorded['command'], None
-        for at, demand in self._replayed['command'].points:
-            if not self._near(demand, recorded.around(at, self._tolerance)):
+        tracks = self._recorded['command'], self._replayed['command']
+        agreed = None
+        for at, _ in tracks[1].points:
+            pairs = (tracks, tracks[::-1])
+            if not all(
+                self._near(one.at(at), other.around(at, self._tolerance)) for one, other in pairs
+            ):
                 agreed = None
             elif agreed is None:
                 agreed = at

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rugged_teleop.command_line import moment
 from rugged_teleop.loaded import Loaded
-from rugged_teleop.moments import moment
-from rugged_teleop.replay.found import Outcome
 from rugged_teleop.replay.mux import MuxReplay
 from rugged_teleop.replay.sessions import nodes_with_bytes, replay_session
+from rugged_teleop.replay.track import Outcome
 from rugged_teleop.why.events import Roles
 
 _MOST = 20  # differences that are told

@@ -11,13 +11,12 @@ from typing import Any
 
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged, Verdict
+from rugged_teleop.command_line import moment
 from rugged_teleop.decode.pieces import Piece
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.devices import devices
-from rugged_teleop.moments import moment
 from rugged_teleop.recordings import Said
-from rugged_teleop.replay.found import Found, Outcome
-from rugged_teleop.replay.track import Difference, differences, Track
+from rugged_teleop.replay.track import Difference, differences, Found, Outcome, Track
 
 _RECEIVED = '/raw/received'
 # Words of a stop for motion that the session did not ask for: it was asked for nothing here.
@@ -56,6 +55,8 @@ def replay_session(
     needed = {
         'a name that says which bridge it is': package in devices(),
         'its bytes': pieces,
+        'the questions that they answer': package not in devices()
+        or not devices()[package].answers,
         'its e-stop': recorded.points,
         'its parameters': given,
     }
@@ -69,7 +70,8 @@ def replay_session(
     replayed, due = Track(), Track()
     for at, verdict in _course(bridge.make_session(values), pieces, said[-1].at):
         replayed.add(at, verdict.estop)
-        due.add(at, verdict.estop and not _is_unasked(verdict))
+        unasked = (any(each in reason for each in _UNASKED) for reason in verdict.reasons)
+        due.add(at, verdict.estop and not (verdict.reasons and all(unasked)))
     slack = 1.0 / values['estop_rate'] if tolerance is None else tolerance
     since = _settled(recorded, replayed, slack)
     notes = [f'its session began anew with the first bytes; compared from {moment(since)} on']
@@ -96,11 +98,6 @@ def replay_session(
 def _found(span: Difference) -> Found:
     words = [str(value).lower() for value in (span.recorded, span.replayed)]
     return Found(span.since, span.until, 'e-stop', *words)
-
-
-def _is_unasked(verdict: Verdict) -> bool:
-    reasons = verdict.reasons
-    return bool(reasons) and all(any(each in reason for each in _UNASKED) for reason in reasons)
 
 
 def _recorded(topic: str, said: Sequence[Said]) -> Track:

@@ -1,12 +1,13 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Two courses of one value, compared with a tolerance in time. Pure."""
+"""Two courses of one value, compared with a tolerance in time, and what a replay finds. Pure."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
@@ -96,3 +97,30 @@ def differences(
         else:
             found.append(Difference(at, at, recorded.at(at), replayed.at(at)))
     return found
+
+
+class Found(NamedTuple):
+    """A span in which today's code decides otherwise. Times are seconds since 1970."""
+
+    since: float
+    until: float
+    what: str
+    recorded: str
+    replayed: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What became of one replay.
+
+    :param since: from when it was compared. :param notes: what was done or not compared, in words.
+    :param compared: what was.
+    """
+
+    name: str
+    since: float
+    until: float
+    notes: Sequence[str]
+    compared: Sequence[str]
+    found: Sequence[Found]

@@ -11,18 +11,30 @@ that is gone stays on the page, silent, for that is what one wants to see of it.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from bridge_core.reasons import (
+    advice,
+    cause_of,
+    causes,
+    Entry,
+    from_values,
+    Severity,
+    severity_of,
+    steps_of,
+)
 from rugged_teleop.status_page.graph import Bridge, Found
-from rugged_teleop.status_page.remedies import Remedies
 
 SILENT = 0.5  # s; e-stops come at 20 Hz, the state of a mux at 10 Hz
 _OLD = 3.0  # s, for diagnostics, which come at 1 Hz
 _EVENTS = 60
 _MOST_AXES = 8
+# What a recorder's last stops are under.
+_STOPS_OF, _STOPS_UNITS = 'stops of ', ' (rad/s, s, commissioned s)'
 
 Sample = dict[str, float]
 
@@ -94,12 +106,13 @@ class _MuxState:
 
 
 class Model:
-    """:param remedies: what to do about each inhibit."""
+    """:param catalogue: of all reasons, by code."""
 
-    def __init__(self, remedies: Remedies) -> None:
-        self._remedies = remedies
+    def __init__(self, catalogue: Mapping[str, Entry]) -> None:
+        self._catalogue = catalogue
         self._bridges: dict[str, _BridgeState] = {}
         self._muxes: dict[str, _MuxState] = {}
+        self._ledgers: dict[str, Heard] = {}  # what recorders say of theirs
         self._events: deque[_Event] = deque(maxlen=_EVENTS)
         self._count = 0
 
@@ -161,8 +174,10 @@ class Model:
         self._muxes[mux].command.put(dict(demand), now)
 
     def diagnostic(self, name: str, diagnostic: Diagnostic, now: float) -> None:
-        """Hear one status of /diagnostics; what is of no bridge here is left out."""
+        """Hear one status of /diagnostics; what is of no bridge or recorder is left out."""
         node, _, part = name.partition(': ')
+        if part == 'ledger':
+            self._ledgers.setdefault(node, Heard()).put(diagnostic, now)
         state = self._bridges.get(f'/{node}')
         if state is None or part not in ('link', 'device'):
             return
@@ -249,6 +264,7 @@ class Model:
             'at': round(wall, 3),
             'muxes': [self._mux(name, mux, now) for name, mux in self._muxes.items()],
             'bridges': [self._bridge(name, state, now) for name, state in self._bridges.items()],
+            'ledgers': [_ledger(name, each, now) for name, each in sorted(self._ledgers.items())],
             'sample': self.sample(now),
             'events': [
                 {
@@ -266,29 +282,49 @@ class Model:
         state = mux.said(now)
         values = mux.status.value if state != 'silent' and mux.status.value else {}
 
-        def explained(kind: str) -> list[dict[str, str]]:
-            texts = (text for key, text in values.items() if key.startswith(f'{kind} '))
-            return [{'text': text, 'todo': self._remedies.of(text)} for text in texts]
-
+        inhibits, warnings = (
+            [text for key, text in values.items() if key.startswith(f'{kind} ')]
+            for kind in ('inhibit', 'warning')
+        )
+        reasons = from_values(values, [*inhibits, *warnings])
+        held = reasons[: len(inhibits)]
         return {
             'name': name,
             'state': state,
             'owner': values.get('owner', 'none'),
-            'inhibits': explained('inhibit'),
-            'warnings': explained('warning'),
+            'now': [self._to_do(each, state) for each in causes(held, self._catalogue)[:1]],
+            'inhibits': [self._explained(each) for each in held],
+            'warnings': [self._explained(each) for each in reasons[len(inhibits) :]],
             'slowed': values.get('slowed', ''),
             'last_reset': values.get('last reset', ''),
             'sources': [
                 {
-                    'label': key.removeprefix('condition of '),
+                    'label': label,
                     'condition': text,
-                    'age': values.get(f'age of {key.removeprefix("condition of ")} (s)', ''),
+                    'age': values.get(f'age of {label} (s)', ''),
+                    'proven_age': values.get(f'proven age of {label} (s)', ''),
                 }
                 for key, text in values.items()
-                if key.startswith('condition of ')
+                if (label := key.removeprefix('condition of ')) != key
             ],
+            'from_button': values.get('from button to wire, at most (s)', ''),
             'joints': sorted(mux.command.value or {}),
             'autonomy': 'condition of autonomy' in values,
+        }
+
+    def _explained(self, reason: str) -> dict[str, str]:
+        todo = advice(reason, self._catalogue)
+        return {'text': reason, 'code': getattr(reason, 'code', ''), 'todo': todo}
+
+    def _to_do(self, reason: str, state: str) -> dict[str, Any]:
+        """Return what to do now: a stop that was ended still waits for its reset."""
+        steps = list(steps_of(reason, self._catalogue))
+        if state == 'STOPPED' and severity_of(reason, self._catalogue) is Severity.STOP:
+            steps += [] if any('eset' in step for step in steps) else ['Reset']
+        return {
+            'code': getattr(reason, 'code', ''),
+            'cause': cause_of(reason, self._catalogue),
+            'steps': steps,
         }
 
     def _bridge(self, name: str, state: _BridgeState, now: float) -> dict[str, Any]:
@@ -323,6 +359,33 @@ class Model:
             names += mine
             owned |= owner in mine
         return owned, names
+
+
+def _ledger(name: str, heard: Heard, now: float) -> dict[str, Any]:
+    """Return what a recorder remembers, and the last stops of each joint."""
+    said: Diagnostic | None = heard.fresh(now, _OLD)
+    values = said.values if said else {}
+    stops = {
+        key.removeprefix(_STOPS_OF).removesuffix(_STOPS_UNITS): [*_points(text)]
+        for key, text in values.items()
+        if key.startswith(_STOPS_OF)
+    }
+    return {
+        'name': name,
+        'warning': said.message if said and said.level else '',
+        'worked': values.get('last seen to work', 'not heard: is the recorder running?'),
+        'stops': [{'joint': joint, 'points': points} for joint, points in stops.items() if points],
+    }
+
+
+def _points(text: str) -> Iterator[list[float | None]]:
+    """Yield speed, time and commissioned time of each stop; None: not known."""
+    for stop in text.split('; '):
+        with suppress(ValueError):  # not a recorder's
+            speed, *times = stop.split()
+            known = [None if word == '-' else _number(float(word)) for word in times]
+            if len(known) == 2:
+                yield [_number(float(speed)) or 0.0, *known]
 
 
 def _number(value: float) -> float | None:

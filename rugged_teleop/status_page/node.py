@@ -11,14 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
 from functools import partial
-import ipaddress
 import math
 import os
 from pathlib import Path
 import secrets
-import socket
 import sys
 import time
 from typing import Any, ClassVar, TYPE_CHECKING
@@ -39,14 +36,12 @@ from bridge_core.parameter_files import beside
 from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, names_of, Parameter
 from bridge_core.polled import Polled
 from bridge_core.runner import run
-from bridge_core.share import shared
 from rugged_teleop.devices import devices
-from rugged_teleop.status_page.access import Access
+from rugged_teleop.reasons import catalogue
+from rugged_teleop.status_page.access import Access, recordings
 from rugged_teleop.status_page.graph import find, Mux
 from rugged_teleop.status_page.model import Diagnostic, Model
 from rugged_teleop.status_page.parameters import PARAMETERS
-from rugged_teleop.status_page.recordings import recordings
-from rugged_teleop.status_page.remedies import Remedies
 
 if TYPE_CHECKING:
     from rugged_teleop.status_page.server import Server
@@ -77,8 +72,7 @@ class StatusPage(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('status_page', **options)
-        page = shared('docs/inhibits.md').read_text(encoding='utf-8')
-        self._model = Model(Remedies(page))  # of the lane's thread
+        self._model = Model(catalogue())  # of the lane's thread
         self._known: set[str] = set()
         self._callers: dict[str, Any] = {}  # by the name of their service
         self._asked: dict[str, float] = {}  # when a mux was asked for its operators
@@ -109,7 +103,7 @@ class StatusPage(ManagedNode):
     def _serve(self) -> None:
         """:raises ValueError: aiohttp is missing, or the port cannot be had."""
         try:
-            from rugged_teleop.status_page.server import Server
+            from rugged_teleop.status_page.server import address_of, Server
         except ImportError as error:
             raise ValueError(_NO_AIOHTTP) from error
         values = self.values
@@ -130,9 +124,9 @@ class StatusPage(ManagedNode):
             why = os.strerror(error.errno) if error.errno else error
             raise ValueError(f'{host} port {port}: {why}; set host or port') from error
         self._server = server
-        address = f'http://{_as_seen(host)}:{port}/'
         # On the terminal alone: logs go to files, and over the network.
-        print(f'status page: {address}{access.needs_token * f"#{token}"}', file=sys.stderr)
+        address = address_of(host, port, access.needs_token * token)
+        print(f'status page: {address}', file=sys.stderr)
 
     # What there is.
 
@@ -251,13 +245,14 @@ class StatusPage(ManagedNode):
         if self._server is not None:
             self._server.publish({**snapshot, 'recordings': self._recordings})
 
-    def _control(self, action: str, mux: str) -> Future[tuple[bool, str]]:
+    def _control(self, action: str, mux: str, address: str) -> Future[tuple[bool, str]]:
         """Ask the mux, and note its answer; for the server's thread."""
         result: Future[tuple[bool, str]] = Future()
 
         def on_answer(future: Any) -> None:
             reply = future.result()
             self.lane.post(self._note, f'{mux}: {action}, by this page', reply.message)
+            self.get_logger().info(f'page: {mux}: {action}, from {address}: {reply.message}')
             if result.set_running_or_notify_cancel():  # somebody still waits
                 result.set_result((reply.success, reply.message))
 
@@ -271,16 +266,6 @@ class StatusPage(ManagedNode):
 
     def _note(self, text: str, reason: str) -> None:
         self._model.note(text, reason, clock.now())
-
-
-def _as_seen(host: str) -> str:
-    """Return the host part of an address by which a browser reaches it."""
-    if ipaddress.ip_address(host).is_unspecified:
-        family = socket.AF_INET6 if ':' in host else socket.AF_INET
-        with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
-            probe.connect(('2001:db8::1' if ':' in host else '192.0.2.1', 9))  # sends nothing
-            host = probe.getsockname()[0]
-    return f'[{host}]' if ':' in host else host
 
 
 def _demand(message: Any) -> dict[str, float]:

@@ -15,6 +15,8 @@ import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
+from contextlib import suppress
+import ipaddress
 import json
 import logging
 from pathlib import Path
@@ -26,8 +28,7 @@ from aiohttp import web, WSMsgType
 from aiohttp.http import HttpProcessingError
 
 from bridge_core import clock
-from rugged_teleop.status_page.access import Access
-from rugged_teleop.status_page.recordings import recording
+from rugged_teleop.status_page.access import Access, recording
 
 STATIC = Path(__file__).resolve().parent / 'static'
 WRONG_TOKEN = 4401  # the websocket is closed with it
@@ -48,6 +49,7 @@ _START_LIMIT = 10.0  # s
 _HISTORY = 60.0  # s that the charts show
 _BUFFER = 1 << 16  # bytes on the way to one browser: some snapshots, not minutes of them
 _LONGEST = 1 << 12  # bytes that a browser may send
+_NO_SENSE = 'not done: the request makes no sense'
 _HEADERS = {
     'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -62,7 +64,9 @@ _HEADERS = {
 _LOG = logging.getLogger(__name__)
 
 # Action and mux; the future has whether it was done, and the answer in words.
-Control = Callable[[str, str], 'Future[tuple[bool, str]]']
+Control = Callable[[str, str, str], 'Future[tuple[bool, str]]']
+# Takes an answer: from which browser, to which question, its kind, its text. Returns why not.
+Desk = Callable[[str, int, str, str], str]
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -71,7 +75,8 @@ class Server:
     Serves until it is closed.
 
     :param port: 0 takes one that is free.
-    :param control: does what the page asks for.
+    :param control: does what the page asks for: action, mux, and from which address.
+    :param desk: takes answers, of a page that asks. :param front: the file that is shown first.
     """
 
     def __init__(
@@ -80,16 +85,19 @@ class Server:
         port: int,
         access: Access,
         *,
-        control: Control,
+        control: Control | None = None,
         recordings: Path | None = None,
+        desk: Desk | None = None,
+        front: str = 'index.html',
     ) -> None:
         self._host, self._port = host, port
         self._access = access
-        self._control = control
+        self._control, self._desk = control, desk
         self._recordings = recordings
         # Read once, and nothing else is ever served: no path leads anywhere.
-        self._files = {f'/{path.name}': path.read_bytes() for path in STATIC.iterdir()}
-        self._files['/'] = self._files.pop('/index.html')
+        files = [path for path in STATIC.iterdir() if path.suffix != '.html']
+        self._files = {f'/{path.name}': path.read_bytes() for path in files}
+        self._files['/'] = (STATIC / front).read_bytes()
         self._loop = asyncio.new_event_loop()
         self._ending = asyncio.Event()
         self._news = asyncio.Event()  # set and cleared at once: it wakes those who wait
@@ -137,7 +145,10 @@ class Server:
     def _application(self) -> web.Application:
         app = web.Application(middlewares=[self._guard], client_max_size=_LONGEST)
         app.router.add_get('/live', self._live)
-        app.router.add_post('/control', self._do)
+        if self._control is not None:
+            app.router.add_post('/control', self._do)
+        if self._desk is not None:
+            app.router.add_post('/answer', self._take)
         app.router.add_get('/recordings/{name}', self._recording)
         for name in self._files:
             app.router.add_get(name, self._file)
@@ -234,27 +245,49 @@ class Server:
 
     async def _do(self, request: web.Request) -> web.StreamResponse:
         """Do what a confirmed request with the token asks for."""
+        assert self._control is not None
+        wish = await self._wish(request)
+        try:
+            action, mux = wish['action'], wish['mux']
+            confirmed = wish['confirmed'] is True and action in ACTIONS
+        except (LookupError, TypeError):
+            confirmed = False
+        if not confirmed:
+            raise web.HTTPBadRequest(text=_NO_SENSE)
+        _check_seen(wish, needed=action in _TOWARDS_MOTION)
+        try:
+            future = asyncio.wrap_future(self._control(action, mux, request.remote or '?'))
+            done, answer = await asyncio.wait_for(future, _ANSWER_LIMIT)
+        except asyncio.TimeoutError:
+            done, answer = False, f'{mux} does not answer'
+        return web.json_response({'done': done, 'answer': answer})
+
+    async def _take(self, request: web.Request) -> web.StreamResponse:
+        """Take an answer of whoever has the token."""
+        assert self._desk is not None
+        wish = await self._wish(request)
+        try:
+            hand, kind, text = (str(wish[name]) for name in ('hand', 'kind', 'text'))
+            number = int(wish['number'])
+        except (LookupError, OverflowError, TypeError, ValueError):
+            raise web.HTTPBadRequest(text=_NO_SENSE) from None
+        _check_seen(wish, needed=True)
+        refusal = self._desk(hand, number, kind, text)
+        if refusal:
+            raise web.HTTPConflict(text=f'not done: {refusal}')
+        return web.json_response({'done': True, 'answer': ''})
+
+    async def _wish(self, request: web.Request) -> Any:
+        """Return what somebody with the token wants, as it came."""
         self._check_origin(request)
         if not self._access.control:
             raise web.HTTPForbidden(text='this page only shows: allow_control is false')
         if not self._access.may_control(_token(request)):
             raise web.HTTPUnauthorized(text='wrong token: it was printed when the page started')
         try:
-            wish = await request.json()
-            action, mux, seen = wish['action'], wish['mux'], float(wish['seen'])
-            confirmed = wish['confirmed'] is True and action in ACTIONS
-        except (LookupError, OverflowError, RecursionError, TypeError, ValueError):
-            confirmed = False
-        if not confirmed:
-            raise web.HTTPBadRequest(text='not done: the request makes no sense')
-        if action in _TOWARDS_MOTION and not abs(clock.now() - seen) <= _SEEN_LIMIT:
-            raise web.HTTPConflict(text='not done: what you saw was not up to date; look again')
-        try:
-            future = asyncio.wrap_future(self._control(action, mux))
-            done, answer = await asyncio.wait_for(future, _ANSWER_LIMIT)
-        except asyncio.TimeoutError:
-            done, answer = False, f'{mux} does not answer'
-        return web.json_response({'done': done, 'answer': answer})
+            return await request.json()
+        except (LookupError, RecursionError, ValueError):
+            raise web.HTTPBadRequest(text=_NO_SENSE) from None
 
     async def _recording(self, request: web.Request) -> web.StreamResponse:
         if not self._access.may_see(_token(request)):
@@ -276,6 +309,26 @@ def _is_own_fault(record: logging.LogRecord) -> bool:
 
 
 _LOG.addFilter(_is_own_fault)
+
+
+def _check_seen(wish: Any, *, needed: bool) -> None:
+    """Refuse the wish of somebody who does not see how things are."""
+    try:
+        late = not abs(clock.now() - float(wish['seen'])) <= _SEEN_LIMIT
+    except (LookupError, OverflowError, TypeError, ValueError):
+        raise web.HTTPBadRequest(text=_NO_SENSE) from None
+    if late and needed:
+        raise web.HTTPConflict(text='not done: what you saw was not up to date; look again')
+
+
+def address_of(host: str, port: int, token: str = '') -> str:
+    """Return where a browser reaches the page, with the token behind the #."""
+    if ipaddress.ip_address(host).is_unspecified:
+        family = socket.AF_INET6 if ':' in host else socket.AF_INET
+        with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
+            probe.connect(('2001:db8::1' if ':' in host else '192.0.2.1', 9))  # sends nothing
+            host = probe.getsockname()[0]
+    return f'http://{f"[{host}]" if ":" in host else host}:{port}/{token and f"#{token}"}'
 
 
 def _token(request: web.Request) -> str:

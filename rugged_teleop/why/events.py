@@ -1,15 +1,22 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""From recorded messages to what happened, in words: one line for each change. Pure."""
+"""From recorded messages to what happened, in words: one line for each change, and what was heard
+when. A value of which nothing was heard is a default, and no news.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple
 
+from bridge_core.decoding import StreamDecoder
+from rugged_teleop.decode.protocols import recording_entries
+from rugged_teleop.decode.recorded import pieces_of
+from rugged_teleop.devices import protocols
 from rugged_teleop.recordings import Said
 
 STANDSTILL = 0.2  # rad/s; the mux's own default
@@ -179,3 +186,97 @@ def fields_of(status: Any) -> dict[str, str]:
 def reason_of(values: dict[str, str]) -> str:
     """Return why a mux has its state: the words behind 'READY to STOPPED, 0.1 s ago: '."""
     return values.get('last transition', '').partition(' ago: ')[2]
+
+
+# What was heard when.
+
+FRESH = 0.5  # s; ~/enabled is said at 5 Hz or more, statuses of a drive come more often
+_TOGETHER = 0.05  # s within which a node says what belongs together, in any order
+_DEFAULTS = {
+    'enabled': 'counts as disabled',
+    'button': 'counts as released',
+    'axis': 'counts as in the middle',
+}
+
+
+class Heard:
+    """:param messages: in the order of time. :param events: of them."""
+
+    def __init__(self, messages: Iterable[Said], events: Iterable[Event]) -> None:
+        self._times: dict[str, list[float]] = {}
+        self._links: dict[str, list[tuple[float, bool]]] = {}
+        for each in messages:
+            self._times.setdefault(each.topic, []).append(each.at)
+        for event in events:
+            kind, _, node = event.what.partition(' ')
+            if kind == 'link_up':
+                self._links.setdefault(node, []).append((event.at, event.value))
+
+    def last(self, topic: str, at: float) -> float | None:
+        """Return when a topic was heard last, up to then."""
+        times = self._times.get(topic, [])
+        place = bisect_right(times, at)
+        return times[place - 1] if place else None
+
+    def is_fresh(self, topic: str, at: float) -> bool:
+        """Tell whether a topic was heard about then."""
+        last = self.last(topic, at)
+        return last is not None and at - last <= FRESH
+
+    def is_linked(self, node: str, at: float) -> bool:
+        """Tell whether a node has not said about then that it does not hear its device."""
+        said = [value for since, value in self._links.get(node, ()) if since <= at + _TOGETHER]
+        return not said or said[-1]
+
+    def drive(self, node: str, at: float) -> bool:
+        """Tell whether a drive was heard about then or soon after, as a disabled one is, too."""
+        last = self.last(f'{node}/joint_states', at + FRESH)
+        return self.is_linked(node, at) and last is not None and last >= at - _TOGETHER
+
+    def qualified(self, event: Event) -> Event:
+        """Return an event with a text that says so where its value is a default."""
+        kind, _, source = event.what.partition(' ')
+        if kind not in _DEFAULTS or event.value or not event.text:
+            return event
+        if kind == 'enabled':
+            known, subject = self.drive(source, event.at), f'{source}: the drive'
+        else:
+            number, _, topic = source.partition(' ')
+            known = self.is_linked(topic.rpartition('/')[0], event.at)
+            subject = f'{topic}: {kind} {number}'
+        text = f'{subject} {_DEFAULTS[kind]}: nothing is heard'
+        return event if known else event._replace(text=text)
+
+
+# What went over the wire to a drive, where ~/raw was recorded: when it was told to stop.
+
+_PROTOCOLS: dict[str, StreamDecoder] = {each.name: each for _, each in protocols(StreamDecoder)}
+
+
+def wire_events(said: Iterable[Said]) -> Iterator[Event]:
+    """Yield an event for each packet to a drive that enables where the one before did not."""
+    for at, node, enables, is_first in wire_changes(said, 'sent'):
+        text = f'{node} tells the drive to {"enable" if enables else "disable"}, on the wire'
+        yield Event(at, f'wire {node}', enables, '' if is_first else text)
+
+
+def wire_changes(said: Iterable[Said], way: str) -> Iterator[tuple[float, str, bool, bool]]:
+    """
+    Yield what changes on the wires: when, of which node, the value, and whether it is the first.
+
+    :param way: 'sent': whether a drive is enabled; 'received': whether a device demands a stop.
+    """
+    ending = f'/raw/{way}'
+    pieces = (piece for each in said if each.topic.endswith(ending) for piece in pieces_of(each))
+    values: dict[str, bool] = {}
+    for entry in recording_entries(pieces, ''):
+        protocol = _PROTOCOLS.get(entry.protocol)
+        judge = protocol and (protocol.enables if way == 'sent' else protocol.stops)
+        value = judge(entry.content) if judge else None
+        if value is None or entry.at is None:
+            continue
+        node = entry.source.removesuffix(ending)
+        before = values.get(node)
+        values[node] = value
+        if value != before:
+            yield entry.at, node, value, before is None

@@ -9,11 +9,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rugged_teleop.moments import moment as time_in_words, time_of_day
+from bridge_core.reasons import advice, cause_of, Coded, from_values, Severity, severity_of
+from rugged_teleop.command_line import moment as time_in_words, time_of_day
+from rugged_teleop.reasons import catalogue
 from rugged_teleop.recordings import Said
-from rugged_teleop.why.events import Event, Events, fields_of, reason_of, Roles, STANDSTILL
-from rugged_teleop.why.heard import FRESH, Heard
-from rugged_teleop.why.wire import wire_events
+from rugged_teleop.why.events import (
+    Event,
+    Events,
+    fields_of,
+    FRESH,
+    Heard,
+    reason_of,
+    Roles,
+    STANDSTILL,
+    wire_events,
+)
 
 _BEFORE, _AFTER = 3.0, 10.0  # s of a story
 _TOGETHER = 1.0  # s within which two ends of motion are one
@@ -141,6 +151,7 @@ def _of_stop(
     later = [(at, values) for at, values in mux.statuses if moment - _SLOW <= at <= until]
     for values in [each for _, each in later if each.get('stopped by', 'none') != 'none'][:1]:
         yield f'  who asked: {values["stopped by"]}'
+    yield from _cause(values for at, values in later if at <= moment + _TOGETHER)
     for values in [each for at, each in later if not caused or at >= caused[0].at][:1]:
         yield f'  heard last: {_heard_last(values)}'
     for event in told:
@@ -148,6 +159,17 @@ def _of_stop(
     for what in sorted({event.what for event in events}):
         about = [event for event in events if event.what == what]
         yield from _obeyed(mux.heard, what, moment, about, until)
+
+
+def _cause(statuses: Iterable[Mapping[str, str]]) -> Iterator[str]:
+    """Say what the mux named first as it stopped, in the words of the catalogue."""
+    found = [each for values in statuses for each in from_values(values)]
+    stops = [each for each in found if severity_of(each, catalogue()) is Severity.STOP]
+    named = [each for each in stops if isinstance(each, Coded) and each.code in catalogue()]
+    # A device says why a second later at most; the mux alone knows that it did.
+    for reason in sorted(named, key=lambda each: each.code == 'mux.source.stop')[:1]:
+        cause, steps = cause_of(reason, catalogue()), advice(reason, catalogue())
+        yield f'  cause: {cause} [{reason.code}]: {steps}'
 
 
 def _with_cause(mux: _Mux, text: str, moment: float, told: Sequence[Event]) -> str:
@@ -171,7 +193,9 @@ def _heard_last(values: Mapping[str, str]) -> str:
         if key.startswith('age of '):
             name = key.removeprefix('age of ').removesuffix(' (s)')
             condition = values.get(f'condition of {name}', 'nothing said')
-            ages.append(f'{name} {_age(age)} before ({condition})')
+            proven = values.get(f'proven age of {name} (s)')
+            old = f', up to {_age(proven)} old' if proven else ''
+            ages.append(f'{name} {_age(age)} before ({condition}{old})')
     return ', '.join(ages) or 'nothing'
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import fcntl
 import itertools
@@ -26,11 +26,11 @@ import pytest
 from demo import __main__ as demo
 from demo.scene import from_rest, Scene
 from demo.stage import _timeouts
-from demo.steering import Late, shortened, Steering, Step
+from demo.steering import Late, Steering, Step
 from rugged_teleop.domains import claim_domain
 from rugged_teleop.ports import Chunk
-from stage.devices import Packet, packets_in
-from stage.rig import ROOT, wait_for
+from stage.devices import Packet, packets_in, UNIT
+from stage.rig import ROOT, run_python, wait_for
 from stage.run_delay import RunDelay, WIRE_HELD_UP
 from stage.toy_rig import children_of, is_running
 from test.demo.demo_rig import FakeStage, still, turn
@@ -46,22 +46,13 @@ TOO_EARLY = '\n         resets have been called since before'
 # Packets on the drive's wire.
 
 
-def test_packet_split_over_reads_counts_from_its_last_byte() -> None:
+def test_packet_counts_from_its_last_byte_and_a_corrupt_one_not_at_all() -> None:
     chunks = [Chunk(1.0, DISABLE + DISABLE[:4]), Chunk(1.01, DISABLE[4:])]
-    packets = list(packets_in(chunks))
+    packets = list(packets_in([*chunks, Chunk(2.0, DISABLE[:-1] + b'\0')]))
     assert packets == [still(1.0), still(1.01)]
     assert not any(packet.enables for packet in packets)
-
-
-def test_corrupt_packet_is_no_disable_packet() -> None:
-    assert list(packets_in([Chunk(1.0, DISABLE[:-1] + b'\0')])) == []
-
-
-def test_enabled_axis_at_zero_enables_and_does_not_move() -> None:
-    packet = Packet(0.0, (4, 5), (500, 0))
-    assert packet.enables
-    assert not packet.moves
-    assert turn(0.0).moves
+    at_zero = Packet(0.0, (4, 5), (500, 0))
+    assert (at_zero.enables, at_zero.moves, turn(0.0).moves) == (True, False, True)
 
 
 def test_patience_multiplies_what_the_demos_file_has_or_else_the_default() -> None:
@@ -108,22 +99,52 @@ def stop_with(
     return str(steering.stopped('a stop', act, 0.15))
 
 
-def test_stop_in_time_is_measured() -> None:
-    assert 'disabled 20.0 ms after' in stop_with(0.02)
+@pytest.mark.parametrize(
+    ('delay', 'options', 'says'),
+    [
+        (0.02, {}, 'disabled 20.0 ms after'),
+        (0.29, {'patience': 2.0}, 'disabled 290.0 ms'),
+        (0.2, {'timed': False}, 'disabled 200.0 ms'),
+    ],
+)
+def test_stop_in_time_or_untimed_is_measured(
+    delay: float, options: dict[str, Any], says: str
+) -> None:
+    assert says in stop_with(delay, **options)
 
 
-def test_stop_that_comes_too_late_is_missed() -> None:
-    with pytest.raises(AssertionError, match=r'disabled 200.0 ms .* allowed are 150 ms'):
-        stop_with(0.2)
-    with pytest.raises(AssertionError, match=r'disabled 310.0 ms .* allowed are 300 ms'):
-        stop_with(0.31, patience=2.0)
-    assert 'disabled 290.0 ms' in stop_with(0.29, patience=2.0)
+def climb(*values: int) -> list[Packet]:
+    """Return what a drive gets that is asked for motion 0.6 s after enable."""
+    return [turn(0.0, 0), turn(0.6, 0), *(turn(0.6, value) for value in values)]
 
 
-def test_untimed_stop_may_take_long_but_not_be_undone() -> None:
-    assert 'disabled 200.0 ms' in stop_with(0.2, timed=False)
-    with pytest.raises(AssertionError, match='enable again'):
-        stop_with(0.2, again=True, timed=False)
+@pytest.mark.parametrize(
+    ('show', 'says'),
+    [
+        (lambda: stop_with(0.2), r'disabled 200.0 ms .* allowed are 150 ms'),
+        (lambda: stop_with(0.31, patience=2.0), r'disabled 310.0 ms .* allowed are 300 ms'),
+        (lambda: stop_with(0.2, again=True, timed=False), 'enable again'),
+        (lambda: stop_with(0.02, again=True), '1 packets after the first disable .* enable again'),
+        (lambda: Steering(FakeStage(still(2.0), turn(3.0))).still(1.0), 'disable packets only'),
+        (lambda: Steering(FakeStage()).still(1.0), 'packets, which never end'),
+        (lambda: from_rest(climb(955)), 'a step of 955 rpm'),
+        (lambda: from_rest([turn(0.0, 0), turn(0.3, 38)]), r'0\.30 s after enable'),
+        (lambda: refused((True, 'reset: READY')), 'it was accepted'),
+        (lambda: refused((False, 'not reset: repeated'), afterwards=False), 'for something else'),
+        (lambda: keep_fort('vm110', 500), 'VM-110 has control'),
+        (lambda: keep_fort('fort', 500, -500), 'as VM-110 asks'),
+        (lambda: rearm(closed=True), 'without being rearmed'),
+    ],
+)
+def test_what_must_not_be_is_missed(show: Callable[[], str], says: str) -> None:
+    with pytest.raises(AssertionError, match=says):
+        show()
+
+
+def test_what_is_as_it_should_be_is_reported() -> None:
+    assert from_rest(climb(38, 77)) == 'first motion 0.60 s after enable, no step above 39 rpm'
+    assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
+    assert rearm(closed=False) == 'closed by rearming; 1 packets, all disable'
 
 
 def test_late_stop_is_tried_again_and_reported_but_not_for_ever() -> None:
@@ -221,58 +242,11 @@ def test_motion_is_waited_for_although_it_was_taken_back_before() -> None:
     assert Steering(stage).wait_in_motion(moves)
 
 
-def test_enable_packet_after_the_stop_is_missed() -> None:
-    with pytest.raises(
-        AssertionError, match='1 packets after the first disable packet enable again'
-    ):
-        stop_with(0.02, again=True)
-
-
-def test_enable_packet_while_nothing_may_move_is_missed() -> None:
-    steering = Steering(FakeStage(still(2.0), turn(3.0)))
-    with pytest.raises(AssertionError, match='disable packets only'):
-        steering.still(1.0)
-
-
-def test_end_of_all_packets_is_missed() -> None:
-    with pytest.raises(AssertionError, match='packets, which never end'):
-        Steering(FakeStage()).still(1.0)
-
-
-def climb(*values: int) -> list[Packet]:
-    """Return what a drive gets that is asked for motion 0.6 s after enable."""
-    return [turn(0.0, 0), turn(0.6, 0), *(turn(0.6, value) for value in values)]
-
-
-def test_start_from_rest_is_reported() -> None:
-    assert from_rest(climb(38, 77)) == 'first motion 0.60 s after enable, no step above 39 rpm'
-
-
-def test_start_by_a_step_is_missed() -> None:
-    with pytest.raises(AssertionError, match='a step of 955 rpm'):
-        from_rest(climb(955))
-
-
-def test_motion_asked_of_a_drive_that_is_not_enabled_is_missed() -> None:
-    with pytest.raises(AssertionError, match=r'0\.30 s after enable'):
-        from_rest([turn(0.0, 0), turn(0.3, 38)])
-
-
 def refused(reply: tuple[bool, str], afterwards: bool = True) -> str:
     """Let the scene call for a reset that must be refused, with this answer."""
     stage: Any = FakeStage()
     stage.reset = lambda: SimpleNamespace(success=reply[0], message=reply[1])
     return Steering(stage).refused_reset(lambda: True, lambda: afterwards)
-
-
-def test_wrong_restart_that_is_accepted_is_missed() -> None:
-    with pytest.raises(AssertionError, match='it was accepted'):
-        refused((True, 'reset: READY'))
-
-
-def test_wrong_restart_that_is_refused_for_something_else_is_missed() -> None:
-    with pytest.raises(AssertionError, match='for something else'):
-        refused((False, 'not reset: a held or repeated reset does nothing'), afterwards=False)
 
 
 def test_wrong_restart_that_a_timeout_refuses_first_is_tried_again() -> None:
@@ -302,20 +276,6 @@ def keep_fort(owner: str, *speeds: int) -> str:
     return Scene(stage).keep_fort(lambda: None)
 
 
-def test_fort_that_keeps_control_is_reported() -> None:
-    assert keep_fort('fort', 500, 500) == 'FORT keeps control, 2 packets'
-
-
-def test_lower_operator_that_takes_control_is_missed() -> None:
-    with pytest.raises(AssertionError, match='VM-110 has control'):
-        keep_fort('vm110', 500)
-
-
-def test_packet_as_the_lower_operator_asks_is_missed() -> None:
-    with pytest.raises(AssertionError, match='as VM-110 asks'):
-        keep_fort('fort', 500, -500)
-
-
 def rearm(*, closed: bool) -> str:
     """Let the scene rearm a base unit whose relays are open, or ``closed``, before that."""
     stage: Any = FakeStage(still(time.monotonic() + 60.0))
@@ -332,10 +292,23 @@ def rearm(*, closed: bool) -> str:
     return str(scene.close_relays())
 
 
-def test_relays_that_close_without_being_rearmed_are_missed() -> None:
-    assert rearm(closed=False) == 'closed by rearming; 1 packets, all disable'
-    with pytest.raises(AssertionError, match='without being rearmed'):
-        rearm(closed=True)
+def test_vm110_that_was_disarmed_is_armed_before_its_deadman_is_held() -> None:
+    stage: Any = FakeStage()
+    scene: Any = Scene(stage)
+    done: list[bool | str] = []
+
+    def deadman(held: bool, operator: str) -> None:
+        done.append(held)
+        if held and 'armed' in done:
+            stage.say(**{f"condition of operator '{operator}'": 'in use'})
+
+    stage.unit = SimpleNamespace(apply=lambda command: 1.0)
+    stage.is_clear = lambda node: node == UNIT and 'armed' in done
+    scene.unit_says = lambda since, wanted: 1.0
+    scene.acknowledge_and_rearm = lambda: done.append('armed')
+    scene.deadman = deadman
+    scene._hold_unit()
+    assert done == [True, 'armed', False, True]
 
 
 def test_failed_step_ends_the_scene_and_says_so() -> None:
@@ -357,11 +330,6 @@ def test_failed_step_ends_the_scene_and_says_so() -> None:
     assert lines[:2] == ['ok      one: fine', 'FAILED  two: it did not']
     assert '1 of 3 expectations held, one did not, 1 were not tried' in lines[2]
     assert lines[-1] == 'its last words'
-
-
-def test_long_reason_fits_a_line() -> None:
-    assert shortened(200 * 'x', 10) == 'xxxxxxxxx…'
-    assert shortened('short') == 'short'
 
 
 # The command.
@@ -394,7 +362,7 @@ def test_scene_that_did_not_hold_names_patience(
 ) -> None:
     scene = SimpleNamespace(play=lambda _: False)
     monkeypatch.setattr('demo.__main__.signal.signal', lambda *_: None)
-    monkeypatch.setattr('demo.__main__._open', lambda *_: None)
+    monkeypatch.setattr('demo.__main__.open_stage', lambda *_: None)
     monkeypatch.setattr('demo.__main__.Scene', lambda *_, **__: scene)
     with pytest.raises(SystemExit, match='1'):
         demo.main(['--once', '--patience', '2'])
@@ -404,14 +372,8 @@ def test_scene_that_did_not_hold_names_patience(
 def test_demo_without_msgpack_names_it_in_one_line(tmp_path: Path) -> None:
     """ROS brings python-can without it, and the monitor's bus needs it."""
     (tmp_path / 'msgpack.py').write_text("raise ImportError('there is none')\n")
-    result = subprocess.run(
-        [sys.executable, '-m', 'demo', '--once'],
-        cwd=ROOT,
-        env={**os.environ, 'PYTHONPATH': str(tmp_path), 'PYTHONDONTWRITEBYTECODE': '1'},
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-    )
+    env = {**os.environ, 'PYTHONPATH': str(tmp_path), 'PYTHONDONTWRITEBYTECODE': '1'}
+    result = run_python('-m', 'demo', '--once', env=env)
     assert result.returncode == 1
     assert result.stderr.count('\n') == 1
     assert 'msgpack not installed' in result.stderr
@@ -425,12 +387,9 @@ def scratch_environment(tmp_path: Path) -> dict[str, str]:
 
 def scene(tmp_path: Path) -> subprocess.CompletedProcess[str]:
     try:
-        return subprocess.run(
-            [sys.executable, '-m', 'demo', '--once', '--patience', '3', '--untimed'],
-            cwd=ROOT,
+        return run_python(
+            *('-m', 'demo', '--once', '--patience', '3', '--untimed'),
             env=scratch_environment(tmp_path),
-            capture_output=True,
-            text=True,
             timeout=280.0,
             start_new_session=True,  # with a share of the processors of its own
         )

@@ -25,57 +25,43 @@ def keyboard() -> tuple[Keyboard, list[tuple[str, str]]]:
     return Keyboard(lambda target, command: said.append((target, command))), said
 
 
-def test_arrows_push_the_stick_to_its_stop_and_no_further() -> None:
-    operator, said = keyboard()
-    for _ in range(7):
-        operator.press('up')
-    assert said[0] == ('vsc', 'stick left_y 0.2')
-    assert said[-1] == ('vsc', 'stick left_y 1.0')
-    operator.press('left')
-    assert said[-1] == ('vsc', 'stick left_x -0.2')
-    operator.press('c')
-    assert said[-2:] == [('vsc', 'stick left_y 0.0'), ('vsc', 'stick left_x 0.0')]
-
-
-def test_letters_push_the_stick_of_the_vm110_and_centre_no_other() -> None:
-    operator, said = keyboard()
-    for key in ('up', *'iijl', 'k'):
+@pytest.mark.parametrize(
+    ('keys', 'target', 'said'),
+    [
+        (7 * ['up'], 'vsc', [f'stick left_y {n / 5}' for n in (1, 2, 3, 4, 5, 5, 5)]),
+        (
+            ['up', 'left', 'c'],
+            'vsc',
+            ['stick left_y 0.2', 'stick left_x -0.2', 'stick left_y 0.0', 'stick left_x 0.0'],
+        ),
+        (  # left is positive
+            [*'ijlx'],
+            'unit',
+            [f'stick 1 {axis}' for axis in ('2 0.2', '1 0.2', '1 0.0', '2 0.0', '1 0.0')],
+        ),
+        (  # 500 us are full deflection
+            [*'845'],
+            'ssc',
+            [f'channel {pulse}' for pulse in ('3 1600', '2 1400', '3 1500', '2 1500')],
+        ),
+        (
+            ['up', *'ygzc'],
+            'vsc',
+            [
+                *('stick left_y 0.2', 'stick right_y 0.2', 'stick right_x -0.2'),
+                *('stick right_y 0.0', 'stick right_x 0.0', 'stick left_y 0.0'),
+            ],
+        ),
+    ],
+    ids=['to its stop', 'arrows', 'VM-110', 'RC, in pulses', 'centred apart'],
+)
+def test_keys_push_their_stick_and_centre_no_other(
+    keys: list[str], target: str, said: list[str]
+) -> None:
+    operator, found = keyboard()
+    for key in keys:
         operator.press(key)
-    assert said[1:] == [
-        ('unit', 'stick 1 2 0.2'),
-        ('unit', 'stick 1 2 0.4'),
-        ('unit', 'stick 1 1 0.2'),  # left is positive
-        ('unit', 'stick 1 1 0.0'),
-        ('unit', 'stick 1 2 0.2'),
-    ]
-    operator.press('x')
-    assert said[6:] == [('unit', 'stick 1 2 0.0'), ('unit', 'stick 1 1 0.0')]
-
-
-def test_figures_push_the_rc_stick_in_pulses() -> None:
-    operator, said = keyboard()
-    for key in '84':
-        operator.press(key)
-    operator.press('5')
-    assert said == [
-        ('ssc', 'channel 3 1600'),  # 500 us are full deflection
-        ('ssc', 'channel 2 1400'),
-        ('ssc', 'channel 3 1500'),
-        ('ssc', 'channel 2 1500'),
-    ]
-
-
-def test_sticks_of_one_remote_are_centred_apart() -> None:
-    operator, said = keyboard()
-    for key in ('up', 'y', 'g', 'z', 'c'):
-        operator.press(key)
-    assert said[1:] == [
-        ('vsc', 'stick right_y 0.2'),
-        ('vsc', 'stick right_x -0.2'),
-        ('vsc', 'stick right_y 0.0'),
-        ('vsc', 'stick right_x 0.0'),
-        ('vsc', 'stick left_y 0.0'),
-    ]
+    assert found == [(target, command) for command in said]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from stage.rig import ROOT
 
 # How people call the devices, and what their packages are called.
 NAMES = re.compile(
-    r'(?i)\b(fort|vsc|vm-?110|akron|esi|ssc)(?![a-z])|(fort_|vm110_|akron_|esi_|ssc_)'
+    r'(?i)\b(fort|vsc|vm-?110|akron|esi|ssc)(?![a-z])|(fort_|vm110_|akron_|esi_|ssc_|\bio_bridge)'
 )
 # Which other folders name none; the rest of bridge_core and the tools may cite a manual.
 FOLDERS = ('safety_mux', 'rugged_teleop/why', 'rugged_teleop/replay', 'rugged_teleop/status_page')

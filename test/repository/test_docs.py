@@ -97,6 +97,8 @@ def node_class_of(node: reference.Node) -> Any:
 def node_interfaces(node: reference.Node) -> dict[str, set[str]]:
     folder = (node.package or node.name).replace('.', '/')
     sources = [path.read_text(encoding='utf-8') for path in (ROOT / folder).glob('*.py')]
+    if any('ProofTopics(self' in each for each in sources):
+        sources.append((ROOT / 'bridge_core/proof_topics.py').read_text(encoding='utf-8'))
     found = interfaces('\n'.join(each.replace('from __future__', '#') for each in sources))
     kind = node_class_of(node)
     found['service'] |= {f'~/{name}' for name in getattr(kind, 'SERVICES', ())}

@@ -25,12 +25,14 @@ from typing import Any, IO, NamedTuple
 import pytest
 
 from rugged_teleop import reference
+from rugged_teleop.ledger.book import Book, now
 from stage.rig import ROOT, wait_for
 from test.repository.docs_rig import Command
 from test.repository.test_docs_commands import begins, found, REASONS
 
 RUN = 'ros2 run rugged_teleop '
 ELSEWHERE = {
+    'commission': 'needs its machine; test_commission_faults.py plays one',
     'bench': 'needs its device; test_bench.py and test_start_pages.py run it',
     'ssc_config dump': 'needs its device; test_ssc_config.py runs it',
     'ssc_config restore': 'likewise',
@@ -44,6 +46,8 @@ APART = {
     'vm110_bridge': ('interface_address', '127.0.0.1'),
 }
 INSTEAD = {'/dev/': 'dev/', '/tmp/': '', '192.168.1.10': '127.0.0.1', 'can0': 'no_can0'}
+INSTEAD |= {'proof: required            # of the mux': 'proof: auto'}  # nobody has wired it to one
+INSTEAD |= {'/mnt/office/machine.anchor': 'ANCHOR'}
 UNTIL_TOLD = {*(node.name for node in reference.NODES), 'rugged_teleop_stack', 'simulate'}
 UNTIL_TOLD |= {'page', 'record'}
 LONGEST = 60.0  # s, on a machine that is busy
@@ -72,6 +76,9 @@ def folder(tmp_path: Path) -> Path:
     shutil.copy(ROOT / 'test' / 'recordings' / 'pressed_estop.mcap', tmp_path / 'FILE')
     vector = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text(encoding='utf-8'))
     (tmp_path / 'IMAGE').write_text('\n'.join(vector['config_image']['lines']))
+    book = Book(tmp_path / 'rugged_teleop' / 'ledger.jsonl')
+    book.append(now(), 'stop', {})
+    (tmp_path / 'ANCHOR').write_text('{} {} 0.0'.format(*book.head))
     return tmp_path
 
 

@@ -24,8 +24,10 @@ from stage.rig import ROOT
 SPEAKERS = (
     '*_bridge/node.py',
     '*_bridge/session/*.py',
+    'bridge_core/actuator.py',
     'bridge_core/bridge_diagnostics.py',
     'bridge_core/input_guard.py',
+    'bridge_core/mux_words.py',
     'bridge_core/node.py',
     'bridge_core/report.py',
     'bridge_core/session.py',
@@ -91,11 +93,17 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding='utf-8'))
 
 
+def is_catalogue(path: Path) -> bool:
+    """Tell whether the pages are made of it: what it says proves nothing."""
+    return path.name in ('reasons.py', 'shared_reasons.py') and path.parent.parent == ROOT
+
+
 @cache
 def said() -> str:
     """Return every clause of the production code, a line each."""
     packages = (path.parent for path in ROOT.glob('*/py.typed'))
     files = (path for package in packages for path in package.rglob('*.py'))
+    files = (path for path in files if not is_catalogue(path))
     nodes = (node for path in files for node in ast.walk(parsed(path)))
     texts = (literal(node) for node in nodes if isinstance(node, ast.expr))
     return '\n'.join({clause for text in texts if text for clause in clauses(text)})
@@ -147,6 +155,7 @@ def test_every_catalogued_message_is_said_by_the_code(page: str) -> None:
 
 def test_every_message_of_the_code_is_on_a_page() -> None:
     paths = {path for glob in SPEAKERS for path in ROOT.glob(glob) if path.name not in SILENT}
+    paths = {path for path in paths if not is_catalogue(path)}
     texts = re.sub(r'\s+', ' ', ' '.join(map(text_of, pages()))).replace('`', '')
     unknown = [
         f'{path.relative_to(ROOT)}: {text}'

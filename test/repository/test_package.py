@@ -6,9 +6,11 @@
 import ast
 from collections.abc import Iterator
 import importlib
+import os
 from pathlib import Path
 import re
 import stat
+import subprocess
 import sys
 from xml.etree import ElementTree
 
@@ -133,7 +135,31 @@ def test_every_source_file_says_whose_it_is_and_under_which_licence() -> None:
         if path.suffix in ('.py', '.c', '.h') and path.stat().st_size:
             first, second = path.read_text(encoding='utf-8').splitlines()[:2]
             assert first.lstrip('#/ ') == 'Copyright 2026 The rugged_teleop maintainers', path
-            assert second.lstrip('#/ ') == 'SPDX-License-Identifier: Apache-2.0', path
+            identifier = ['SPDX-License-Identifier', 'Apache-2.0']
+            assert second.lstrip('#/ ').split(': ') == identifier, path
+
+
+_NUMPY_FINDS = """
+import importlib, os, sys
+found = []
+sys.addaudithook(
+    lambda event, arguments: event == 'import' and arguments[0] == 'numpy'
+    and found.append(os.environ.get('OPENBLAS_NUM_THREADS'))
+)
+importlib.import_module(sys.argv[1])
+print(*found)
+"""
+
+
+@pytest.mark.parametrize('given', [None, '3'])
+@pytest.mark.parametrize('module', sorted({p.split(':')[0] for p in entry_points().values()}))
+def test_no_executable_has_a_thread_a_processor_for_numpy(module: str, given: str | None) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'}
+    if given:
+        environment['OPENBLAS_NUM_THREADS'] = given
+    command = [sys.executable, '-c', _NUMPY_FINDS, module]
+    found = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    assert set(found.stdout.split()) <= {given or '1'}
 
 
 def test_requirements_are_pinned() -> None:
@@ -197,27 +223,23 @@ def test_launch_file_names_what_exists(path: Path) -> None:
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
-def test_launch_file_declares_what_it_uses(path: Path) -> None:
+def test_launch_file_declares_what_it_uses_and_passes_its_parameter_file_on(path: Path) -> None:
     root = ElementTree.parse(path).getroot()
-    declared = {arg.get('name') for arg in root.findall('arg')}
+    defaults = {arg.get('name'): arg.get('default') for arg in root.findall('arg')}
     used = {name for value in values(root) for name in re.findall(r'\$\(var (\w+)\)', value)}
-    assert used == declared
+    assert used == {*defaults}
+    assert 'params_file' in defaults
     assert all(arg.get('description') for arg in root.findall('arg'))
-
-
-@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
-def test_launch_file_passes_its_parameter_file_on(path: Path) -> None:
-    root = ElementTree.parse(path).getroot()
-    assert 'params_file' in {arg.get('name') for arg in root.findall('arg')}
     # Given as <param from=...>, a file that does not exist is left out, and the node starts.
     assert not list(root.iter('param'))
     for node in root.iter('node'):
         assert node.get('ros_args') == '--params-file $(var params_file)'
     for include in root.iter('include'):
-        (passed,) = (a.get('value', '') for a in include if a.get('name') == 'params_file')
-        (name,) = re.findall(r'\$\(var (\w+)\)', passed)
-        (default,) = (a.get('default') for a in root.findall('arg') if a.get('name') == name)
-        assert default == '$(var params_file)'
+        given = {arg.get('name'): arg.get('value', '') for arg in include.iter('arg')}
+        file = include.get('file', '').removeprefix(SHARE)
+        assert {*given} <= {a.get('name') for a in ElementTree.parse(ROOT / file).iter('arg')}
+        (name,) = re.findall(r'\$\(var (\w+)\)', given['params_file'])
+        assert defaults[name] == '$(var params_file)'
 
 
 def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:
@@ -225,14 +247,6 @@ def test_file_of_the_spine_has_a_section_for_each_of_its_nodes() -> None:
     assert sections == [
         f'/**/{name}' for name in ('fort_vsc_bridge', 'safety_mux', 'esi_drive_bridge')
     ]
-
-
-@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda path: path.name)
-def test_included_launch_file_knows_its_arguments(path: Path) -> None:
-    for include in ElementTree.parse(path).getroot().iter('include'):
-        file = include.get('file', '').removeprefix(SHARE)
-        known = {arg.get('name') for arg in ElementTree.parse(ROOT / file).getroot().iter('arg')}
-        assert {arg.get('name') for arg in include.iter('arg')} <= known
 
 
 def values(root: ElementTree.Element) -> list[str]:

@@ -46,7 +46,7 @@ def test_policy_follows_parameters_and_namespace(tmp_path: Path) -> None:
     rights = allowed(outcome(str(file), '--namespace', '/front').stdout)
     (enclave,) = rights
     assert enclave == '/front/safety_mux'
-    own = {f'{enclave}/{topic}' for topic in ('command', 'enable', 'estop')}
+    own = {f'{enclave}/{topic}' for topic in ('command', 'enable', 'estop', 'challenge')}
     heard = {'/site/estop', '/site/proof', '/front/cmd_vel', '/diagnostics'}
     assert rights[enclave]['subscribe'] == heard | own
     assert '/site/challenge' in rights[enclave]['publish']
@@ -57,7 +57,7 @@ def test_every_node_of_a_file_has_an_enclave_and_hears_the_mux() -> None:
     drives = [f'/{end}/esi_drive_bridge' for end in ('front', 'rear')]
     assert set(rights) == {'/fort_vsc_bridge', '/safety_mux', *drives}
     for drive in drives:
-        topics = {f'/safety_mux/{topic}' for topic in ('command', 'enable', 'estop')}
+        topics = {f'/safety_mux/{topic}' for topic in ('command', 'enable', 'estop', 'proof')}
         assert rights[drive]['subscribe'] == topics | {f'{drive}/challenge'}
         assert f'{drive}/estop' in rights[drive]['publish']
 

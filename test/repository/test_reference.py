@@ -57,6 +57,13 @@ def whole_table(node: Node) -> Table:
     return (*node.common, *node.generic_table())
 
 
+@each_node
+def test_ends_of_a_range_are_allowed_as_they_are_shown(node: Node) -> None:
+    for each in whole_table(node):
+        for end in (each.minimum, each.maximum):
+            assert end is None or each.hex_digits or float(f'{end:g}') == end, each.name
+
+
 def test_example_of_a_list_that_names_nothing_is_what_a_name_there_would_bring() -> None:
     (ssc,) = (node for node in NODES if node.name == 'ssc_bridge')
     text = reference.parameter_file(ssc).replace("servos: ['']", 'servos: [pan]')

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from bridge_core.transports.child import environment
+from bridge_core.transports.started import environment
 from stage.rig import NOT_INSTALLED, ROOT
 
 PRODUCT = sorted(

@@ -414,7 +414,7 @@ def test_what_the_drive_cannot_do_and_other_commanders_are_refused(
     ('option', 'joints', 'joint', 'at_rest', 'moving'),
     [
         ('position', ['pan', 'tilt'], 'tilt', None, JointState(name=['tilt'], position=[0.5])),
-        ('stick', ['rotation', 'elevation'], 'elevation', [0.0, 0.0], Joy(axes=[0.0, 0.5])),
+        ('stick', ['rotation', 'elevation'], 'elevation', [0.0, 0.0], Joy(axes=[0.0, -0.5])),
         ('speed', ['a', 'b'], 'a', [0.0, 0.0], JointState(name=['a', 'b'], velocity=[0.5, 0.0])),
     ],
 )

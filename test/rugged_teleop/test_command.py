@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import importlib
 from importlib.metadata import distribution
 import os
 from pathlib import Path
@@ -20,7 +19,7 @@ from rclpy.node import Node
 
 from rugged_teleop import page
 from rugged_teleop.__main__ import COMMANDS, executables, main
-from stage.rig import ROOT, TIMEOUT_FACTOR
+from stage.rig import ROOT, run_python, TIMEOUT_FACTOR
 
 TOOLS = sorted((ROOT / 'tools').iterdir())  # what only ros2 run finds
 # As where ROS is not installed.
@@ -34,31 +33,30 @@ finally:
     loaded = [name for name in sys.modules if name.startswith('rugged_teleop.')]
     print(*loaded, file=sys.stderr)
 """
-
-
-def outcome(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, '-c', WITHOUT_ROS, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=60.0 * TIMEOUT_FACTOR,
-    )
+ALL_HELP = """
+import importlib
+import sys
+sys.modules['rclpy'] = None
+from rugged_teleop.__main__ import COMMANDS
+for name, (_, place) in COMMANDS.items():
+    parser = importlib.import_module(f'rugged_teleop.{place}').parser(f'rugged_teleop {name}')
+    print(parser.format_help(), end='\\0')
+"""
 
 
 def test_help_names_every_command_and_imports_none() -> None:
-    done = outcome('--help')
+    done = run_python('-c', WITHOUT_ROS, '--help')
     assert done.returncode == 0
     assert all(f'\n  {name} ' in done.stdout for name in COMMANDS)
     assert set(done.stderr.split()) == {'rugged_teleop.__main__', 'rugged_teleop.command_line'}
 
 
-@pytest.mark.parametrize('name', COMMANDS)
-def test_help_of_a_command_has_examples_and_needs_no_ros(name: str) -> None:
-    done = outcome(name, '--help')
+def test_help_of_each_command_has_examples_and_needs_no_ros() -> None:
+    done = run_python('-c', ALL_HELP)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f'usage: rugged_teleop {name} ')
-    assert f'\nexamples:\n  rugged_teleop {name} ' in done.stdout
+    for name, text in zip(COMMANDS, done.stdout.split('\0'), strict=False):
+        assert text.startswith(f'usage: rugged_teleop {name} ')
+        assert f'\nexamples:\n  rugged_teleop {name} ' in text
 
 
 def test_every_command_is_an_executable_of_ros2_run() -> None:
@@ -77,21 +75,14 @@ def test_scripts_on_the_path_have_names_that_nobody_else_gives() -> None:
 @pytest.mark.parametrize('path', TOOLS, ids=lambda path: path.name)
 def test_executable_is_the_command_of_its_name(path: Path) -> None:
     assert os.access(path, os.X_OK)
-    command = [sys.executable, str(path), '--help']
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=60.0 * TIMEOUT_FACTOR
-    )
+    done = run_python(str(path), '--help', env={**os.environ, 'PYTHONPATH': str(ROOT)})
     prog = f'rugged_teleop {path.name}' if path.name in COMMANDS else path.name
     assert done.stdout.startswith(f'usage: {prog} '), done.stderr
 
 
 @pytest.mark.parametrize('name', sorted(executables()))
 def test_command_runs_the_executables_where_there_is_no_ros2_run(name: str) -> None:
-    command = [sys.executable, '-m', 'rugged_teleop', name, '--help']
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=60.0 * TIMEOUT_FACTOR
-    )
+    done = run_python('-m', 'rugged_teleop', name, '--help')
     assert done.returncode == 0
     assert done.stdout.startswith(f'usage: {name} '), done.stderr
 
@@ -151,8 +142,7 @@ def test_full_output_is_not_the_fault_of_the_file(command: str) -> None:
 def test_reader_that_has_seen_enough_is_no_error(words: Sequence[str]) -> None:
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, '-m', 'rugged_teleop', *words]
-    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    done = run_python('-m', 'rugged_teleop', *words, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, '')
 
@@ -167,8 +157,7 @@ def test_reader_that_has_left_is_not_how_a_command_ends(end: str, status: int) -
     )
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, '-c', program]
-    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    done = run_python('-c', program, stdout=write, stderr=subprocess.PIPE)
     os.close(write)
     assert (done.returncode, done.stderr) == (status, '')
 
@@ -247,12 +236,7 @@ def test_one_line_names_all_that_is_missing(
 def completions(line: str, path: Path) -> set[str]:
     asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': line, 'COMP_POINT': str(len(line))}
     asked |= {'_ARGCOMPLETE_IFS': '\n', '_ARGCOMPLETE_STDOUT_FILENAME': str(path)}
-    done = subprocess.run(
-        [sys.executable, '-m', 'rugged_teleop'],
-        env={**os.environ, **asked},
-        cwd=ROOT,
-        timeout=60.0 * TIMEOUT_FACTOR,
-    )
+    done = run_python('-m', 'rugged_teleop', env={**os.environ, **asked})
     assert done.returncode == 0
     return {word.strip() for word in path.read_text().split('\n')}
 
@@ -263,9 +247,3 @@ def test_completion_offers_commands_and_behind_one_its_own_words(tmp_path: Path)
     assert completions('rugged_teleop sim', path) == {'simulate'}
     assert completions('rugged_teleop simulate esi', path) == {'esi_drive'}
     assert '--axes' in completions('rugged_teleop simulate esi_drive --', path)
-
-
-@pytest.mark.parametrize('name', COMMANDS)
-def test_every_command_has_a_parser_for_completion(name: str) -> None:
-    module = importlib.import_module(f'rugged_teleop.{COMMANDS[name][1]}')
-    assert module.parser(f'rugged_teleop {name}').prog == f'rugged_teleop {name}'

@@ -5,24 +5,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from rugged_teleop.__main__ import main
 from rugged_teleop.stack import NODES
-from stage.rig import ROOT, TIMEOUT_FACTOR
+from stage.rig import run_python
 
 
 def outcome(module: str, *arguments: str) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, '-m', module, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=30.0 * TIMEOUT_FACTOR,
-    )
+    done = run_python('-m', module, *arguments)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -89,15 +80,14 @@ def test_argument_that_is_wrong_is_told_what_is_allowed(
     assert f'argument {words}; see ' in error
 
 
-def test_help_of_the_stack_names_the_nodes() -> None:
-    status, text, error = outcome('rugged_teleop.stack', '--help')
+@pytest.mark.parametrize(
+    ('module', 'words'),
+    [
+        ('rugged_teleop.stack', ('usage: rugged_teleop_stack ', 'rugged_teleop_stack --', *NODES)),
+        ('ssc_bridge.config.main', ('usage: ', '\nexamples:\n  ssc_config dump ')),
+    ],
+)
+def test_help_of_what_is_no_node_has_examples(module: str, words: tuple[str, ...]) -> None:
+    status, text, error = outcome(module, '--help')
     assert (status, error) == (0, '')
-    assert text.startswith('usage: rugged_teleop_stack ')
-    assert all(node in text for node in NODES)
-    assert '\nexamples:\n  rugged_teleop_stack ' in text
-
-
-def test_help_of_ssc_config_has_examples() -> None:
-    status, text, error = outcome('ssc_bridge.config.main', '--help')
-    assert (status, error) == (0, '')
-    assert '\nexamples:\n  ssc_config dump ' in text
+    assert all(word in text for word in ('\nexamples:\n', *words))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import contextlib
+import json
 import math
 import os
 from pathlib import Path
@@ -20,10 +21,10 @@ from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop import simulate
 from rugged_teleop.faults import FaultyLine
 from rugged_teleop.multicasts import GROUP, LOOPBACK, MulticastDevice
-from rugged_teleop.ports import HELP as PORT_HELP
+from rugged_teleop.ports import DevicePort, HELP as PORT_HELP
 from rugged_teleop.ptys import PtyDevice
 from stage.multicast_rig import free_port
-from stage.rig import ROOT, TIMEOUT_FACTOR, wait_for
+from stage.rig import ROOT, run_python, TIMEOUT_FACTOR, wait_for
 
 
 class Echo:
@@ -119,20 +120,12 @@ def carried(line: FaultyLine, chunks: int) -> list[bytes]:
     return line.take(100.0)
 
 
-def test_faultless_line_changes_nothing() -> None:
+def test_line_loses_what_it_is_told_to_and_nothing_else() -> None:
     line = FaultyLine(random.Random(1))
     assert carried(line, 200) == [bytes((number, 0, 0)) for number in range(200)]
-
-
-def test_drop_next_loses_exactly_these() -> None:
-    line = FaultyLine(random.Random(1))
     line.drop_next = 2
     assert [chunk[0] for chunk in carried(line, 4)] == [2, 3]
     assert line.dropped == 2
-
-
-def test_drop_probability_of_one_loses_all_and_of_a_half_some() -> None:
-    line = FaultyLine(random.Random(1))
     line.drop = 1.0
     assert carried(line, 100) == []
     line.drop = 0.5
@@ -306,9 +299,8 @@ def test_link_left_by_a_killed_simulator_is_taken_over(path: Path) -> None:
 def test_port_of_a_simulator_that_is_alive_is_refused_and_named(path: Path) -> None:
     with PtyDevice(Echo(), path):
         before = os.readlink(path)
-        command = [sys.executable, '-m', 'rugged_teleop', 'simulate', 'ssc', '--port', str(path)]
-        options: dict[str, Any] = {'stdin': subprocess.DEVNULL, 'capture_output': True}
-        done = subprocess.run(command, cwd=ROOT, timeout=60.0, text=True, **options)
+        words = ('-m', 'rugged_teleop', 'simulate', 'ssc', '--port', str(path))
+        done = run_python(*words, stdin=subprocess.DEVNULL)
         assert (done.returncode, done.stdout) == (2, ''), done
         assert f'{path}: is the port of ' in done.stderr
         assert f'(pid {os.getpid()})' in done.stderr
@@ -402,6 +394,9 @@ def test_group_carries_both_ways_is_recorded_and_can_be_left() -> None:
         (['vm110', '--bu-id', '0'], 'bu-id'),
         (['vm110', '--group', '10.0.0.1'], '10.0.0.1'),
         (['vm110', '--interface-address', '192.0.2.1'], '192.0.2.1'),
+        (['fort_vsc', '--port', 'x', '--as', 'y'], '--as'),
+        (['esi_drive', '--port', 'x', '--as', '/nowhere'], '--as /nowhere: No such file'),
+        (['esi_drive', '--port', 'x', '--as', str(ROOT / 'setup.py')], 'setup.py: is no report'),
     ],
 )
 def test_bad_argument_is_one_line_and_status_2(
@@ -413,6 +408,49 @@ def test_bad_argument_is_one_line_and_status_2(
     assert caught.value.code == 2
     assert error.count('\n') == 1
     assert word in error
+
+
+def _plugged_in(path: Path, *words: str) -> DevicePort:
+    return simulate.plug_in(
+        simulate.parser().parse_args(['esi_drive', '--port', str(path), *words])
+    )
+
+
+def test_device_obeys_what_it_is_given_to_begin_with(path: Path) -> None:
+    with _plugged_in(path, '--apply', 'fault a brake on', '--apply', 'fault b brake on') as device:
+        assert device.describe()['errors'] == [['brake'], ['brake']]
+    with pytest.raises(ValueError, match='there are: fault'):
+        _plugged_in(path, '--apply', 'mute on', '--apply', 'nonsense')
+    assert not path.is_symlink()
+
+
+STOP = {'speed': 2.0, 'time': 0.6, 'angle': 0.7}
+
+
+@pytest.mark.parametrize(
+    ('nodes', 'node', 'says'),
+    [
+        (['/esi_drive_bridge'], '', ''),
+        (['/a/esi_drive_bridge', '/b/esi_drive_bridge'], '/b/esi_drive_bridge', ''),
+        (['/a/esi_drive_bridge', '/b/esi_drive_bridge'], '', 'it has /a/esi_drive_bridge, /b'),
+        (['/esi_drive_bridge'], '/c/esi_drive_bridge', 'it has /esi_drive_bridge'),
+        ([], '', 'it has no esi_drive'),
+    ],
+)
+def test_drive_is_as_a_report_has_it(
+    path: Path, nodes: list[str], node: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = {'joint_names': ['left', 'right'], 'gear_ratio': [10.0]}
+    step = {'name': 'a', 'stopping': {'left': STOP, 'right': STOP}, 'measured': []}
+    report = path.with_suffix('.json')
+    report.write_text(json.dumps({'parameters': dict.fromkeys(nodes, values), 'steps': [step]}))
+    words = ['--as', str(report), *(['--node', node] if node else [])]
+    if says:
+        with pytest.raises(ValueError, match=says):
+            _plugged_in(path, *words)
+    else:
+        with _plugged_in(path, *words):
+            assert 'brake a 0.' in capsys.readouterr().out
 
 
 class Command:
@@ -460,35 +498,33 @@ class Command:
         self.process.communicate()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize('device', ['fort_vsc', 'esi_drive'])
-def test_command_runs_until_a_signal_and_takes_its_port_away(
-    path: Path, device: str, number: int
+@pytest.mark.parametrize(
+    ('device', 'names', 'end'),
+    [
+        ('fort_vsc', ('reboot', 'left_y', 'left_down'), signal.SIGINT),
+        ('esi_drive', ('reboot', 'rs422', 'overcurrent'), signal.SIGTERM),
+        ('ssc', ('reboot',), signal.SIGHUP),
+        ('esi_drive', ('quit',), 'quit'),
+    ],
+)
+def test_command_helps_and_takes_its_port_away_when_it_is_told_to_end(
+    path: Path, device: str, names: Sequence[str], end: int | str
 ) -> None:
     with Command(device, '--port', str(path)) as command:
         command.wait('type help')
         assert path.is_symlink()
         command.say('help')
-        command.wait('reboot')
+        for word in names:
+            command.wait(word)
         command.say('nonsense')
         command.wait("not done: unknown command 'nonsense'")
         command.say('show')
         command.wait('plugged: True')
-        assert command.end(number) == 0
-    assert not path.is_symlink()
-
-
-@pytest.mark.parametrize(
-    ('device', 'names'),
-    [('fort_vsc', ('left_y', 'left_down')), ('esi_drive', ('rs422', 'overcurrent'))],
-)
-def test_help_lists_names_and_quit_ends_it(path: Path, device: str, names: Sequence[str]) -> None:
-    with Command(device, '--port', str(path)) as command:
-        command.say('help')
-        for word in ('quit', *names):
-            command.wait(word)
-        command.say('quit')
-        assert command.process.wait(5.0 * TIMEOUT_FACTOR) == 0
+        if isinstance(end, str):
+            command.say(end)
+            assert command.process.wait(5.0 * TIMEOUT_FACTOR) == 0
+        else:
+            assert command.end(end) == 0
     assert not path.is_symlink()
 
 

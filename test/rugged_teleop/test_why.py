@@ -83,6 +83,7 @@ def stopping() -> Iterator[Said]:
     yield said(1, f'{MUX}/command', joints(0.0, 0.0))
     ages = {"age of e-stop source 'fort' (s)": '0.001', "age of operator 'fort' (s)": '0.012'}
     conditions = {"condition of e-stop source 'fort'": 'stop'}
+    conditions |= {"proven age of e-stop source 'fort' (s)": '0.034'}
     reason = f'{STOPPED_BY} demands a stop: pressed'
     values = {'stopped by': STOPPED_BY, **ages, **conditions}
     yield said(2, f'{MUX}/status', status('STOPPED', 'none', reason, **values))
@@ -102,7 +103,7 @@ def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() ->
         f'2001-09-09 07:31:40.000+05:45: {MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed',
         "  before it: ACTIVE, 'fort' had control",
         f'  who asked: {STOPPED_BY}',
-        f'  heard last: {STOPPED_BY} 1 ms before (stop), '
+        f'  heard last: {STOPPED_BY} 1 ms before (stop, up to 34 ms old), '
         "operator 'fort' 12 ms before (nothing said)",
         f'        -1 ms  {VSC} demands a stop',
         f'        +0 ms  {MUX} tells all devices to stop',
@@ -115,6 +116,22 @@ def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() ->
         f'  {DRIVE} was disabled 12 ms after the stop',
         f'  {DRIVE} stood 340 ms after the stop',
     ]
+
+
+def test_story_names_the_cause_by_its_code() -> None:
+    late = {'code': 'x', 'code.1': 'fort.estop.remote', 'stopped by': STOPPED_BY}
+    early = {'code': 'x', 'code.1': 'mux.source.stop', 'stopped by': STOPPED_BY}
+    messages = [
+        *driving(),
+        *stopping(),
+        *(
+            said(ms, f'{MUX}/status', status('STOPPED', 'none', 'x', **values))
+            for ms, values in ((1, early), (500, late))
+        ),
+    ]
+    (line,) = (line for line in story(messages) if line.startswith('  cause: '))
+    assert line.startswith('  cause: FORT remote: e-stop pressed, or out of reach')
+    assert '[fort.estop.remote]: 1 Release it' in line
 
 
 def test_drive_that_goes_on_did_not_obey() -> None:
@@ -237,7 +254,7 @@ def written(path: Path, messages: Iterable[Said]) -> Path:
     file.add_parameters({'/safety_mux': {'feedback.standstill': '0.05'}})
     for each in messages:
         channel = Channel(each.topic, each.type, definition_of(each.type))
-        file.add([Heard(each.at, each.at, channel, bytes(serialize_message(each.message)))])
+        file.write([Heard(each.at, each.at, channel, bytes(serialize_message(each.message)))])
     file.finish(file.path)
     return file.path
 

@@ -37,14 +37,16 @@ from vm110_bridge.simulator import Simulator as UnitSimulator
 RECIPES = ROOT / 'config' / 'recipes'
 _PATIENT = 1.0  # s without a message that a busy machine may be late
 _LINK = {'link_timeout': _PATIENT}
-_ACTUATOR = {**_LINK, 'command_timeout': _PATIENT}
+_ACTUATOR = {'age_limit': _PATIENT, **_LINK, 'command_timeout': _PATIENT}
 _PATIENCE: dict[str, dict[str, float]] = {
     'fort_vsc_bridge': _LINK,
     'vm110_bridge': _LINK,
     'ssc_bridge': _ACTUATOR,
     'esi_drive_bridge': _ACTUATOR,
     'akron_can_bridge': {**_ACTUATOR, 'estop_in_timeout': _PATIENT},
-    'safety_mux': {'stall_limit': _PATIENT, 'neutral_time': _PATIENT},
+    'safety_mux': dict.fromkeys(
+        ('stall_limit', 'neutral_time', 'drive_enabled_age_limit'), _PATIENT
+    ),
 }
 _RECENT = 0.1  # s
 _WATCHED = 0.3  # s
@@ -106,6 +108,8 @@ def _patience(file: Path, found: Sequence[Process], folder: Path) -> Path:
             given = parameters_for(node, [file])
             values |= {f'estop.{name}.timeout': _PATIENT for name in given['estop_sources']}
             values |= {f'operator.{name}.timeout': _PATIENT for name in given['operators']}
+            values |= {f'estop.{name}.age_limit': _PATIENT for name in given['estop_sources']}
+            values |= {f'operator.{name}.age_limit': _PATIENT for name in given['operators']}
         sections[node] = {'ros__parameters': values}
     path = folder / 'patience.yaml'
     path.write_text(yaml.safe_dump(sections), encoding='utf-8')

@@ -119,7 +119,6 @@ def test_trouble_of_the_bus_is_in_the_diagnostic_of_the_link(
     bench.wait_stop(False)
 
 
-@pytest.mark.real_can
 def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
     bus: CanBus, bench: Bench, unit: Station
 ) -> None:

@@ -378,16 +378,6 @@ def test_a_source_that_counts_for_its_owner_only_deadlocks_nothing(order: tuple[
         play(chains, order, chance)
 
 
-def test_without_own_estops_the_echoes_hold_both_stopped() -> None:
-    """The property can fail: this is the deadlock that ``~/own_estop`` is there against."""
-    chains = started(own_topics=False)
-    chains.do('press fort')
-    chains.run(2.5)
-    chains.do('release fort')
-    with pytest.raises(AssertionError, match='deadlock'):
-        chains.recover()
-
-
 def test_a_stop_of_one_reaches_the_chain_of_the_other() -> None:
     chains = started()
     fort, vm110 = (party.session for party in chains.parties.values())
@@ -407,26 +397,6 @@ def test_a_stop_of_one_reaches_the_chain_of_the_other() -> None:
     chains.apply(FORT, 'ack')
     chains.run(1.0)
     assert not chains.unit.relays_closed, 'only rearming closes them'
-    chains.recover()
-
-
-def test_a_trip_opens_both_chains_and_takes_one_reset_once_it_is_ended() -> None:
-    chains = started()
-    chains.arbiter.trip(chains.now)
-    chains.run(2.5)
-    assert all(party.chain_open for party in chains.parties.values())
-    assert chains.arbiter.end_trip(chains.now).ok
-    chains.recover()  # by one reset
-
-
-def test_a_trip_that_nobody_ends_takes_two_resets() -> None:
-    chains = started()
-    chains.arbiter.trip(chains.now)
-    chains.run(2.5)
-    assert all(party.chain_open for party in chains.parties.values())
-    first = chains.arbiter.reset(chains.now)
-    assert not first.ok
-    assert 'the trip is ended' in first.message
     chains.recover()
 
 

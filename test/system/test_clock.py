@@ -41,6 +41,11 @@ def test_clock_goes_on_while_the_computer_sleeps(monkeypatch: pytest.MonkeyPatch
 TELL = {
     'bridge_core.output',
     'bridge_core.raw',
+    'bridge_core.refusals',
+    'rugged_teleop.commission.browser',
+    'rugged_teleop.commission.running',
+    'rugged_teleop.ledger.book',
+    'rugged_teleop.recorder.node',
     'rugged_teleop.recorder.writer',
     'status_page.node',
 }

@@ -9,6 +9,7 @@ Most run in this process through the function that the executables call; a few a
 
 from collections.abc import Callable, Iterator, Sequence
 import gc
+from importlib.util import find_spec
 import math
 import os
 from pathlib import Path
@@ -27,6 +28,7 @@ from bridge_core.parameters import Parameter, ParameterError, resolve
 from bridge_core.runner import run
 from esi_drive_bridge.node import EsiDriveBridge
 from fort_vsc_bridge.node import FortVscBridge
+from io_bridge.node import IoBridge
 from rugged_teleop.multicasts import LOOPBACK
 from rugged_teleop.status_page.node import StatusPage
 from safety_mux.node import SafetyMux
@@ -34,7 +36,7 @@ from safety_mux.parameters import parameter_table
 from ssc_bridge.node import SscBridge
 from stage.multicast_rig import free_port
 from stage.rig import as_yaml, ROOT, TIMEOUT_FACTOR, wait_for
-from stage.spine import exit_of, UntouchedPort
+from stage.spine import UntouchedPort
 from vm110_bridge.node import Vm110Bridge
 
 
@@ -121,6 +123,7 @@ NODES: dict[str, tuple[Any, Callable[[], Untouched]]] = {
     'akron': (AkronCanBridge, UntouchedBus),
     'ssc': (SscBridge, UntouchedSerial),
     'esi': (EsiDriveBridge, UntouchedSerial),
+    **({'io': (IoBridge, UntouchedSerial)} if find_spec('pymodbus') else {}),
     'mux': (SafetyMux, NoPort),
     'page': (StatusPage, NoPort),
 }
@@ -319,37 +322,6 @@ def test_source_name_that_cannot_be_a_topic_is_one_line_and_status_2(
 
 
 # As processes.
-
-
-@pytest.mark.parametrize(
-    ('module', 'name', 'value'),
-    [
-        ('fort_vsc_bridge.node', 'link_timeout', '.nan'),
-        ('vm110_bridge.node', 'output_period', '0.5'),
-        ('esi_drive_bridge.node', 'command_rate', '"fast"'),
-        ('safety_mux.node', 'estop.fort.timeout', '0.0'),
-    ],
-)
-def test_process_with_a_bad_parameter_ends_with_status_2_and_one_line(
-    module: str, name: str, value: str
-) -> None:
-    status, error = exit_of(module, '--ros-args', '-p', f'{name}:={value}')
-    assert status == 2
-    (line,) = error.splitlines()
-    assert f'parameter {name} = ' in line
-
-
-def test_process_never_opens_its_port_with_a_bad_parameter() -> None:
-    port = UntouchedPort()
-    try:
-        for module in ('fort_vsc_bridge.node', 'esi_drive_bridge.node'):
-            status, _ = exit_of(
-                module, '--ros-args', '-p', f'port:={port.path}', '-p', 'estop_rate:=0.0'
-            )
-            assert status == 2
-            assert not port.was_opened
-    finally:
-        port.close()
 
 
 @pytest.mark.parametrize('node', [node for node in NODES if node not in ('mux', 'page')])

@@ -20,6 +20,8 @@ from std_srvs.srv import Trigger
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.domains import claim_domain
+from rugged_teleop.ledger.book import lines
+from rugged_teleop.ledger.chain import Head, Reader
 from rugged_teleop.recordings import Parameters, read, Said
 from rugged_teleop.why.story import story
 from stage.devices import DRIVE, MUX, VSC
@@ -54,6 +56,7 @@ class Bench:
         self.spine = spine
         self.recorder = recorder
         self._folder = folder
+        self.ledger = folder / 'ledger.jsonl'
         self._told: dict[Path, list[str]] = {}
         self.spine.wait(lambda: not self.parts(), 'an end of the recordings of the start')
         self._before = set(folder.glob('*.mcap'))
@@ -198,6 +201,38 @@ def test_recorder_that_is_ended_amid_a_recording_completes_it(bench: Bench) -> N
     before = bench.files()
     reply = bench.spine.observer.call(Trigger, '/recorder/save', tries=3)
     assert reply.success, reply.message
+    reply = bench.spine.observer.call(Trigger, '/recorder/keep', tries=3)
+    assert reply.success, reply.message
     assert bench.recorder.end(SIGTERM) == 0
-    assert len(bench.files()) > len(before)
+    (kept,) = bench.ledger.parent.glob('kept/*_save.mcap')
+    assert kept.stem.partition('Z_')[0] in reply.message
+    assert len(bench.files()) >= len(before)
     assert not bench.parts()
+
+
+def test_ledger_has_who_did_what_and_how_the_joints_stood(bench: Bench) -> None:
+    reader = Reader(Head())
+    found = [*lines(bench.ledger, reader)]
+    assert (reader.faults, reader.rest) == ([], b'')
+    assert (found[0]['what'], found[-1]['what']) == ('recorder started', 'recorder ended')
+
+    def has_line(what: str, node: str = '', **facts: str) -> bool:
+        return any(
+            each['what'] == what
+            and each.get('node', '') == (f'/{node}' if node else '')
+            and all(text in each[key] for key, text in facts.items())
+            for each in found
+        )
+
+    for node in (VSC, MUX, DRIVE):
+        assert has_line('node found', node)
+        assert has_line('parameters', node)
+    assert has_line('asked', MUX, by='~/reset', answer='reset: READY')
+    assert has_line('control', MUX, why='fort')
+    assert has_line('stop', MUX, state='STOPPED', why="e-stop source 'fort' demands a stop")
+    assert has_line('stop', VSC, reason='release the stop at SRC (remote)')
+    assert has_line('stop', DRIVE, reason='overcurrent')
+    assert has_line('recording', says='recorded ')
+    stood = [each for each in found if each['what'] == 'stood']
+    assert {each['node'] for each in stood} == {f'/{DRIVE}'}
+    assert any(each['disabled'] is not None and each['time'] is not None for each in stood)

@@ -132,17 +132,6 @@ def test_estop_pressed_mid_motion_disables_and_release_alone_moves_nothing(
     stays_stopped_until_restarted(spine, released)
 
 
-def test_stick_out_of_neutral_refuses_reset(spine: Spine) -> None:
-    spine.wait(spine.may_reset, 'nothing missing but a reset')
-    since = spine.vsc.apply(f'stick {STICK} 0.3')
-    spine.wait(lambda: 'not at neutral' in spine.status.last.message, 'not at neutral')
-    reply = spine.reset()
-    assert not reply.success
-    assert 'not at neutral' in reply.message
-    spine.holds_still(since, 0.3)
-    spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
-
-
 def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -> None:
     spine.wait(spine.may_reset, 'nothing missing but a reset')
     since = spine.vsc.apply(f'button {DEADMAN} 1')
@@ -151,23 +140,6 @@ def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -
     spine.vsc.apply(f'stick {STICK} 1')
     spine.holds_still(since)
     spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
-
-
-def test_deadman_pressed_right_after_reset_waits_for_neutral_time(spine: Spine) -> None:
-    since = spine.reset_once()
-    spine.hold()  # within the neutral_time that has to follow the reset
-    spine.holds_still(since)
-    spine.wait(lambda: spine.says_or_held_up('READY'), 'READY')
-    spine.let_go()
-    spine.rested()
-    spine.move()
-
-
-def test_reset_called_over_and_over_counts_once_and_moves_nothing(spine: Spine) -> None:
-    since = spine.reset_once()
-    replies = [spine.reset().success for _ in range(9)]
-    assert not any(replies) or spine.held_up()
-    spine.holds_still(since, 0.3)
 
 
 def test_vsc_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:

@@ -77,20 +77,6 @@ def test_section_of_a_second_node_of_a_kind_is_not_passed_over() -> None:
     assert line.endswith('several of a kind start with bringup.launch.py')
 
 
-@pytest.mark.parametrize(
-    'text',
-    ['- a list\n', 'safety_mux: [1,\n', '\t\n', ''],
-    ids=['a list', 'no end', 'a tab', 'empty'],
-)
-def test_broken_parameter_file_is_one_line_and_status_2(tmp_path: Path, text: str) -> None:
-    file = tmp_path / 'broken.yaml'
-    file.write_text(text)
-    status, error = exit_of('rugged_teleop.stack', '--ros-args', '--params-file', str(file))
-    assert status == 2
-    assert 'broken.yaml' in error.splitlines()[-1]
-    assert 'Traceback' not in error
-
-
 def test_sections_of_all_files_name_the_nodes_in_our_order(tmp_path: Path) -> None:
     first, second = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
     first.write_text('/robot/esi_drive_bridge: {ros__parameters: {}}\n/**: {}\n')

@@ -15,42 +15,32 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
 import pytest
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSPresetProfiles, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, String
-from std_srvs.srv import SetBool
+from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from stage.devices import DRIVE, Drive, MUX, VSC
-from stage.mux_talkers import sticks
 from stage.rig import latched, NodeProcess, Observer, Record
 from stage.spine import Spine
-from stage.talkers import namespace, reset, Talker
+from stage.talkers import namespace, Talker
 from test.repository.test_layouts import named
 from test.repository.test_policy import allowed, outcome
 
 PUB_RATE = 20.0  # ros2 topic pub -r 20
 # Between two programs there is a gap, and a busy machine makes gaps of its own.
 GAP = 5.0  # s
-OUTLASTS_GAPS = {
-    'drive_enabled_topic': '',  # as there is no drive
-    'estop.fort.timeout': GAP,
-    'estop.drive.timeout': GAP,
-    'stall_limit': 1.0,
-}
 STOP = ('estop', 'own_estop', 'link_up', 'proof')
-CHALLENGES = {f'/{node}/challenge' for node in (VSC, DRIVE)}  # by the mux, to bridges
+CHALLENGES = {f'/{node}/challenge' for node in (VSC, MUX, DRIVE)}  # by who goes by them
 PUBLISHED = {
     VSC: (
         *(*STOP, 'joy', 'mode', 'device', 'autonomy_mode', 'battery', 'radio_strength'),
         *('fix', 'nmea', 'user_values'),
     ),
     MUX: (
-        *('command', 'enable', 'estop', 'state', 'status'),
+        *('command', 'enable', 'estop', 'state', 'status', 'proof'),
         *('stop_demand/fort', 'stop_demand/drive'),
     ),
     DRIVE: (*STOP, 'joint_states', 'enabled'),
@@ -67,10 +57,11 @@ TAKEN = {
     MUX: (
         *(f'/{VSC}/estop', f'/{VSC}/own_estop', f'/{VSC}/joy', f'/{DRIVE}/estop'),
         *(f'/{node}/proof' for node in (VSC, DRIVE)),
+        f'/{MUX}/challenge',
         '/diagnostics',  # why a source demands a stop
     ),
     DRIVE: (  # as they are wired here
-        *(f'/{MUX}/{topic}' for topic in ('command', 'enable', 'estop')),
+        *(f'/{MUX}/{topic}' for topic in ('command', 'enable', 'estop', 'proof')),
         f'/{DRIVE}/challenge',
     ),
 }
@@ -251,76 +242,6 @@ class Pub(Talker):
         topic = self.publisher.topic_name
         self.leave()
         return Pub(observer, topic, message)
-
-
-class MuxOfPubs:
-    """A mux whose every source is a ``Pub``."""
-
-    def __init__(self, observer: Observer, parameters: dict[str, Any]) -> None:
-        self.observer = observer
-        self.space = namespace()
-        self.mux = f'{self.space}/{MUX}'
-        self.state = observer.record(String, f'{self.mux}/state', latched())
-        self.command = observer.record(JointState, f'{self.mux}/command')
-        self.status = observer.record(DiagnosticStatus, f'{self.mux}/status', latched())
-        parameters = {**OUTLASTS_GAPS, **parameters}
-        node = NodeProcess('safety_mux.node', parameters, namespace=self.space)
-        self._exits = contextlib.ExitStack()
-        self._exits.enter_context(node)
-        names = (f'{VSC}/estop', f'{VSC}/own_estop', f'{DRIVE}/estop')
-        self.pubs = [self.pub(name, Bool(data=False)) for name in names]
-
-    def pub(self, topic: str, message: Any) -> Pub:
-        return Pub(self.observer, f'{self.space}/{topic}', message)
-
-    def say(self, number: int, message: Any) -> None:
-        """Have another program say this in the place of one of ``pubs``."""
-        self.pubs[number] = self.pubs[number].instead(self.observer, message)
-
-    def wait(self, state: str, *, moves: bool) -> None:
-        self.observer.wait_for(lambda: self.state.last.data == state, 10.0, state)
-        self.observer.wait_for(
-            lambda: any(self.command.last.velocity) is moves, 10.0, f'motion: {moves}'
-        )
-
-    def close(self) -> None:
-        for pub in self.pubs:
-            pub.leave()
-        self._exits.close()
-
-
-def test_pub_stands_in_for_estop_source_and_operator(observer: Observer) -> None:
-    rest = {'operator.fort.timeout': GAP, 'neutral_time': GAP}
-    with contextlib.closing(MuxOfPubs(observer, rest)) as mux:
-        mux.pubs.append(mux.pub(f'{VSC}/joy', sticks()))
-        reset(observer, mux.mux)
-        observer.wait_for(
-            lambda: mux.status.last and 'press the deadman' in mux.status.last.message,
-            2 * GAP,
-            'a rested operator',
-        )
-        mux.say(3, sticks(0.5, deadman=True))
-        mux.wait('ACTIVE', moves=True)
-        mux.say(2, Bool(data=True))
-        mux.wait('STOPPED', moves=False)
-
-
-def test_pub_stands_in_for_autonomy(observer: Observer) -> None:
-    wheels = {'autonomy.wheel_separation': 0.5, 'autonomy.wheel_radius': 0.1}
-    autonomy = {'autonomy.topic': 'cmd_vel', 'autonomy.timeout': GAP, 'operators': ['']}
-    with contextlib.closing(MuxOfPubs(observer, {**autonomy, **wheels})) as mux:
-        mux.pubs.append(mux.pub('cmd_vel', Twist()))
-        reset(observer, mux.mux)
-
-        def selected() -> bool:
-            request = SetBool.Request(data=True)
-            return bool(observer.call(SetBool, f'{mux.mux}/select_autonomy', request).success)
-
-        observer.wait_for(selected, 10.0, 'selected')
-        forward = Twist()
-        forward.linear.x = 0.2
-        mux.say(3, forward)
-        mux.wait('ACTIVE', moves=True)
 
 
 def test_pub_moves_the_drive_by_command_enable_and_estop_in(

@@ -53,6 +53,7 @@ class Vehicle:
             'autonomy.type': 'JointState',
             'autonomy.timeout': TIMEOUT,
             'stall_limit': TIMEOUT,
+            'reset_silence': 0.0,  # a reset that crosses the word of the last one is none
         }
         for name, joints in JOINTS.items():
             drive = self.drives[name] = Drive(
@@ -125,15 +126,12 @@ def test_each_drive_gets_its_own_joints_and_a_fault_of_one_stops_both(vehicle: V
     assert [vehicle.values(name) for name in JOINTS] == [(0, 0), (0, 0)]
 
 
-@pytest.mark.parametrize(('which', 'other'), [('front', 'rear'), ('rear', 'front')])
-def test_drive_that_drops_out_by_itself_holds_the_other_too(
-    vehicle: Vehicle, which: str, other: str
-) -> None:
+def test_drive_that_drops_out_by_itself_holds_the_other_too(vehicle: Vehicle) -> None:
     vehicle.moving()
-    cause = vehicle.drives[which].apply('trip a')
+    cause = vehicle.drives['rear'].apply('trip a')
 
     def rests() -> bool:
-        newest = vehicle.drives[other].packets(cause)[-1:]
+        newest = vehicle.drives['front'].packets(cause)[-1:]
         return bool(newest) and not newest[0].moves
 
     vehicle.wait(rests, 'rest of the other drive')

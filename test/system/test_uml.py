@@ -13,16 +13,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from signal import SIGTERM
-import subprocess
-import sys
 from typing import NoReturn
 
 import pytest
 
 from stage import uml
 from stage.can_rig import VARIABLE
-from stage.rig import ROOT, wait_for
 
 pytestmark = [
     pytest.mark.skipif(VARIABLE in os.environ, reason='we are inside already'),
@@ -54,29 +50,3 @@ def run_marked(directory: Path, mark: str) -> None:
     if not result.booted:
         cannot_run(f'{uml.KERNEL} does not start: {result.console[-500:]}')
     assert not result.fault, f'{result.fault}\n{result.console}\n{result.output}'
-
-
-def test_pytest_that_is_ended_leaves_no_kernel_behind(tmp_path: Path) -> None:
-    if reason := uml.missing():
-        cannot_run(reason)
-    test = f'{__file__}::{test_what_a_real_interface_changes.__name__}'
-    with subprocess.Popen(
-        [sys.executable, '-m', 'pytest', f'--basetemp={tmp_path}/t', test],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-    ) as run:
-        wait_for(lambda: list(tmp_path.glob('t/*/booted')), 60.0, 'a kernel')
-        run.send_signal(SIGTERM)
-        assert run.wait(30.0) != 0
-    wait_for(lambda: not processes_of(tmp_path), 10.0, lambda: str(processes_of(tmp_path)))
-
-
-def processes_of(directory: Path) -> list[str]:
-    """Return the command lines that name a directory."""
-    lines = []
-    for file in Path('/proc').glob('[0-9]*/cmdline'):
-        try:
-            lines.append(file.read_text(errors='replace').replace('\0', ' '))
-        except OSError:  # it has ended meanwhile
-            continue
-    return [line for line in lines if str(directory) in line]

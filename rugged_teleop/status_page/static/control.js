@@ -70,15 +70,17 @@ function confirm(action, mux, newest) {
   $('confirm-no').focus();
 }
 
-async function send(action, mux, seen) {
-  const body = JSON.stringify({ action, mux, seen, confirmed: true });
-  let text;
+// Ask for something; return whether it was done, and the answer.
+export async function post(path, wish) {
   try {
-    const answer = await fetch('control', { method: 'POST', headers: headers(), body });
-    text = answer.ok ? (await answer.json()).answer : await answer.text();
+    const answer = await fetch(path, { method: 'POST', headers: headers(), body: JSON.stringify(wish) });
     if (answer.status === 401) askToken(() => {});
+    return { ok: answer.ok, answer: answer.ok ? (await answer.json()).answer : await answer.text() };
   } catch {
-    text = 'not done: the page is not reached';
+    return { ok: false, answer: 'not done: the page is not reached' };
   }
-  say($('answer'), text);
+}
+
+async function send(action, mux, seen) {
+  say($('answer'), (await post('control', { action, mux, seen, confirmed: true })).answer);
 }

@@ -1,7 +1,8 @@
 // From a snapshot to the document.
 
+import { brakes } from './brakes.js';
 import { $, chip, each, make, mark, say } from './dom.js';
-import { conditionTone, ESTOPS, linkOf, size, stateOf, time } from './words.js';
+import { conditionTone, ESTOPS, linkOf, seconds, size, stateOf, time } from './words.js';
 
 export function show(snapshot, download) {
   banners(snapshot);
@@ -10,6 +11,9 @@ export function show(snapshot, download) {
   each($('muxes'), snapshot.muxes, byName, muxCard, fillMux);
   each($('actuators'), snapshot.bridges.filter((bridge) => bridge.actuates), byName, bridgeCard, fillActuator);
   each($('events'), snapshot.events, (event) => String(event.number), eventLine, fillEvent);
+  $('memory-section').hidden = !snapshot.ledgers.length;
+  each($('memory'), snapshot.ledgers, (ledger) => ledger.name, () => make('li', '', make('span', 'text'), make('span', 'warning')), fillLedger);
+  brakes(snapshot.ledgers.flatMap((ledger) => ledger.stops));
   $('recordings-section').hidden = !snapshot.recordings.length;
   each($('recordings'), snapshot.recordings, byName, (item) => recordingLine(item, download), fillRecording);
   tell(snapshot);
@@ -61,10 +65,22 @@ function inhibits(snapshot) {
     seen.set(name, (seen.get(name) ?? 0) + 1);
     return `${name}|${seen.get(name)}`;
   };
+  now(snapshot.muxes.flatMap((mux) => mux.now));
   each($('inhibits'), items, key, () => make('li', '', make('span', 'text'), make('span', 'todo')), (line, item) => {
     mark(line, 'tone', item.tone);
     say(line.querySelector('.text'), item.text);
     say(line.querySelector('.todo'), item.todo);
+  });
+}
+
+// What to do at this moment, in few words; all the rest is behind it.
+function now(items) {
+  $('rest').hidden = !items.length;
+  const place = items.length ? $('rest') : $('why');
+  if ($('inhibits').parentElement !== place) place.append($('inhibits'));
+  each($('now'), items, (item) => item.code + item.cause, () => make('li', '', make('strong', 'cause'), ' ', make('ol', 'steps')), (line, item) => {
+    say(line.querySelector('.cause'), item.cause);
+    each(line.querySelector('.steps'), item.steps, (step) => step, () => make('li'), say);
   });
 }
 
@@ -116,7 +132,7 @@ function muxCard(mux) {
   const card = make('article', 'card mux', make('h3', '', 'Safety mux'), make('p', 'name', mux.name));
   card.setAttribute('role', 'listitem');
   const body = make('tbody');
-  card.append(make('p', 'state chip'), make('p', 'owner'), make('table', 'sources', make('caption', 'unseen', 'What the mux hears'), body));
+  card.append(make('p', 'state chip'), make('p', 'owner'), make('p', 'link ages'), make('table', 'sources', make('caption', 'unseen', 'What the mux hears'), body));
   return card;
 }
 
@@ -125,11 +141,15 @@ function fillMux(card, mux) {
   mark(card, 'state', mux.state);
   chip(card.querySelector('.state'), state.tone, state.title);
   say(card.querySelector('.owner'), `owner: ${mux.owner}`);
+  say(card.querySelector('.ages'), mux.from_button && `from button to wire: at most ${seconds(mux.from_button)}`);
   each(card.querySelector('tbody'), mux.sources, (source) => source.label, (source) => {
     const head = make('th', '', source.label);
     head.scope = 'row';
     return make('tr', '', head, make('td'));
-  }, (row, source) => chip(row.lastChild, conditionTone(source.condition), source.condition));
+  }, (row, source) => {
+    const age = source.proven_age && ` (up to ${seconds(source.proven_age)} old)`;
+    chip(row.lastChild, conditionTone(source.condition), source.condition + age);
+  });
 }
 
 function eventLine(event) {
@@ -154,6 +174,11 @@ function recordingLine(item, download) {
 
 function fillRecording(line, item) {
   say(line.querySelector('.size'), size(item.size));
+}
+
+function fillLedger(line, ledger) {
+  say(line.querySelector('.text'), `last seen to work: ${ledger.worked}`);
+  say(line.querySelector('.warning'), ledger.warning);
 }
 
 // For those who cannot see it: the state and the stops, when they change.

@@ -22,7 +22,7 @@ export function linkOf(bridge) {
 }
 
 export function conditionTone(condition) {
-  if (['stop', 'stale', 'silent', 'invalid'].includes(condition)) return 'stop';
+  if (['stop', 'stale', 'old', 'silent', 'invalid'].includes(condition)) return 'stop';
   return ['in use', 'not enabled', 'moving'].includes(condition) ? 'info' : 'good';
 }
 
@@ -41,6 +41,10 @@ export const ACTIONS = {
 
 export function size(bytes) {
   return bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
+}
+
+export function seconds(text) {
+  return Number.isNaN(Number(text)) ? text : `${(1000 * text).toFixed(0)} ms`;
 }
 
 export function time(seconds) {

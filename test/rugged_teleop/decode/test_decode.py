@@ -11,7 +11,6 @@ from functools import partial
 import gzip
 import io
 import json
-import os
 from pathlib import Path
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from rugged_teleop.decode.main import main
 from rugged_teleop.decode.protocols import Entry
 from rugged_teleop.decode.writers import Csv
 from stage.captures import CAN, ethernet, pcap_file, STREAMS, udp, vectors
-from stage.rig import ROOT, TIMEOUT_FACTOR
+from stage.rig import ROOT, run_python
 
 FORT = STREAMS['fort_serial']
 
@@ -270,16 +269,11 @@ def test_nothing_of_ours_is_status_1(path: Path, capsys: pytest.CaptureFixture[s
 # As a process.
 
 
-def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, '-m', 'rugged_teleop', 'decode', *arguments]
-    return subprocess.run(command, cwd=ROOT, timeout=60.0 * TIMEOUT_FACTOR, **options)
-
-
-def test_standard_input_is_read(path: Path) -> None:
-    text = b'(0.5) can0 0CFDE801#090000000000\n' * 3
-    done = run('-', input=text, capture_output=True)
+def test_standard_input_is_read() -> None:
+    text = '(0.5) can0 0CFDE801#090000000000\n' * 3
+    done = run_python('-m', 'rugged_teleop', 'decode', '-', input=text)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count(b'heartbeat') == 3
+    assert done.stdout.count('heartbeat') == 3
 
 
 @pytest.mark.parametrize('kind', ['blf', 'db', 'mcap'])
@@ -333,20 +327,3 @@ def test_reader_that_has_seen_enough_is_no_error(path: Path) -> None:
         error = process.stderr.read()
         assert process.wait(30.0) == 0
     assert error == b''
-
-
-def test_progress_is_for_a_terminal_alone(path: Path) -> None:
-    path.write_bytes(FORT[0] * 1000)
-    master, slave = os.openpty()
-    try:
-        done = run(str(path), stdout=subprocess.DEVNULL, stderr=slave)
-        os.set_blocking(master, False)
-        shown = os.read(master, 65536)
-    finally:
-        os.close(master)
-        os.close(slave)
-    assert done.returncode == 0
-    assert b' %' in shown
-    assert b'\r\x1b[K' in shown
-    quiet = run(str(path), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    assert b' %' not in quiet.stderr

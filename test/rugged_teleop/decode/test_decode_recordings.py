@@ -41,7 +41,7 @@ def written(folder: Path, messages: Iterator[tuple[float, str, Any]]) -> Path:
         package = type(message).__module__.split('.')[0]
         kind = f'{package}/msg/{type(message).__name__}'
         channel = Channel(topic, kind, definition_of(kind))
-        file.add([Heard(at, at, channel, bytes(serialize_message(message)))])
+        file.write([Heard(at, at, channel, bytes(serialize_message(message)))])
     file.finish(file.path)
     return file.path
 

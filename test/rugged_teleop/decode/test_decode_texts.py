@@ -314,7 +314,7 @@ def test_no_text_makes_it_fail(kind: str, tmp_path: Path, data: st.DataObject) -
     statistics = Statistics(250000)
     for entry in decoded(path, kind=kind):
         assert 0 <= entry.offset <= len(whole)
-        statistics.add(entry)
+        statistics.note(entry)
     assert list(statistics.lines())
 
 

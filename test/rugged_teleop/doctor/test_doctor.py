@@ -15,9 +15,8 @@ import pytest
 from rugged_teleop import reference
 from rugged_teleop.devices import devices
 from rugged_teleop.doctor import main as command
-from rugged_teleop.doctor.catalogue import CATALOGUE, finding
-from rugged_teleop.doctor.configuration import Configured, configured, wiring
-from rugged_teleop.doctor.findings import Finding, Level
+from rugged_teleop.doctor.configuration import configured, wiring
+from rugged_teleop.doctor.findings import CATALOGUE, Finding, finding, Level
 from stage.rig import ROOT
 from test.repository.test_docs import node_interfaces
 from test.rugged_teleop.doctor.doctor_rig import kinds, parameter_file, Visit
@@ -74,6 +73,7 @@ def test_json_has_everything(only: list[Finding], capsys: pytest.CaptureFixture[
             'area': 'wiring',
             'text': '/a: its e-stop stops nothing, as no mux listens to /a/estop',
             'remedy': CATALOGUE['e-stop unheard'].remedy,
+            'code': '',
         }
     ]
 
@@ -88,7 +88,7 @@ def test_each_kind_that_is_not_fine_says_what_to_do(name: str) -> None:
 
 def test_each_kind_is_found_by_some_code() -> None:
     places = (*ROOT.glob('rugged_teleop/doctor/*.py'), *ROOT.glob('*_bridge/decoders.py'))
-    files = (path for path in places if path.name != 'catalogue.py')
+    files = (path for path in places if path.name != 'findings.py')
     code = ''.join(path.read_text(encoding='utf-8') for path in files)
     assert [name for name in CATALOGUE if f"'{name}'" not in code] == []
 
@@ -159,16 +159,25 @@ def test_good_file_gives_each_node_its_values(tmp_path: Path) -> None:
     ]
 
 
-def test_nodes_without_a_device_are_checked_and_wired_to_nothing(tmp_path: Path) -> None:
-    path = parameter_file(tmp_path, recorder={'after': 2.0}, status_page={'port': 8081})
-    nodes, findings = configured([path])
-    assert (nodes, kinds(findings)) == ([], ['parameters good', 'parameters good'])
-
-
-def test_file_without_a_node_and_file_that_is_none(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('text', 'found'),
+    [
+        (
+            '/**/recorder: {ros__parameters: {after: 2.0}}\n'
+            '/**/status_page: {ros__parameters: {port: 8081}}\n',
+            ['parameters good', 'parameters good'],
+        ),
+        ('/**: {ros__parameters: {baud: 9600}}\n', ['no nodes']),
+    ],
+    ids=['without a device', 'without a node'],
+)
+def test_file_without_a_node_that_has_a_device(
+    text: str, found: list[str], tmp_path: Path
+) -> None:
     path = tmp_path / 'my.yaml'
-    path.write_text('/**: {ros__parameters: {baud: 9600}}\n')
-    assert kinds(configured([path])[1]) == ['no nodes']
+    path.write_text(text)
+    nodes, findings = configured([path])
+    assert (nodes, kinds(findings)) == ([], found)
     assert kinds(configured([tmp_path / 'missing.yaml'])[1]) == ['parameters refused']
 
 
@@ -188,44 +197,54 @@ def wired(tmp_path: Path, **nodes: dict[str, Any]) -> list[Finding]:
     return wiring(found)
 
 
-def test_spine_is_wired(tmp_path: Path) -> None:
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux={}, esi_drive_bridge={})
-    assert kinds(found) == ['wired']
-
-
-def test_source_that_no_node_publishes_is_found(tmp_path: Path) -> None:
-    estop = {'site': {'topic': '/site/estop'}}
-    mux = {'estop_sources': ['site', 'fort', 'drive'], 'estop': estop}
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=mux, esi_drive_bridge={})
-    (elsewhere,) = (each for each in found if each.kind == 'source elsewhere')
-    assert '/site/estop' in elsewhere.text
-    assert 'estop.site.topic of /safety_mux' in elsewhere.text
-
-
-def test_topic_that_a_node_does_not_have_is_found(tmp_path: Path) -> None:
-    mux = {'estop': {'fort': {'topic': 'fort_vsc_bridge/e_stop'}}}
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=mux, esi_drive_bridge={})
-    assert kinds(found) == ['source misspelt', 'e-stop unheard']
+SITE = {
+    'estop_sources': ['site', 'fort', 'drive'],
+    'estop': {'site': {'topic': '/site/estop'}},
+}
+TWO_PORTS = {'ssc_bridge': {'port': '/dev/a'}, 'esi_drive_bridge': {'port': '/dev/a'}}
 
 
 @pytest.mark.parametrize(
-    'mux',
+    ('nodes', 'found', 'words'),
     [
-        {'drive_enabled_topic': 'esi_drive_bridge/enabld'},
-        {
-            'drive_enabled_topic': '',
-            'estop': {'drive': {'enabled_topic': 'esi_drive_bridge/enabld'}},
-        },
+        ({}, ['wired'], ''),
+        ({'safety_mux': {'drive_enabled_topic': 'base/enabled'}}, ['wired'], ''),
+        (
+            {'safety_mux': SITE},
+            ['source elsewhere'],
+            '/site/estop: no node of the files publishes it, but estop.site.topic of /safety_mux',
+        ),
+        (
+            {'safety_mux': {'estop': {'fort': {'topic': 'fort_vsc_bridge/e_stop'}}}},
+            ['source misspelt', 'e-stop unheard'],
+            'fort_vsc_bridge/e_stop',
+        ),
+        (
+            {'safety_mux': {'drive_enabled_topic': 'esi_drive_bridge/enabld'}},
+            ['source misspelt'],
+            'esi_drive_bridge/enabld',
+        ),
+        (
+            {'safety_mux': {'drive_enabled_topic': '', 'estop.drive.enabled_topic': '/no/enabld'}},
+            ['source elsewhere'],
+            '/no/enabld',
+        ),
+        ({'vm110_bridge': {}}, ['e-stop unheard', 'sticks unheard'], '/vm110_bridge'),
+        (
+            {'esi_drive_bridge': {'joint_names': ['front', 'rear']}},
+            ['joints differ'],
+            'front, rear',
+        ),
+        (TWO_PORTS, ['port twice', 'e-stop unheard'], '/dev/a'),
     ],
 )
-def test_topic_of_a_drives_enabled_that_is_misspelt_is_found(
-    mux: dict[str, Any], tmp_path: Path
+def test_wiring_beside_the_spine(
+    nodes: dict[str, dict[str, Any]], found: list[str], words: str, tmp_path: Path
 ) -> None:
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=mux, esi_drive_bridge={})
-    assert kinds(found) == ['source misspelt']
-    elsewhere = {'drive_enabled_topic': 'base/enabled'}
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux=elsewhere, esi_drive_bridge={})
-    assert kinds(found) == ['wired']
+    spine: dict[str, Any] = {'fort_vsc_bridge': {}, 'safety_mux': {}, 'esi_drive_bridge': {}}
+    findings = wired(tmp_path, **spine | nodes)
+    assert kinds(findings) == found
+    assert words in findings[0].text
 
 
 @pytest.mark.parametrize(
@@ -257,31 +276,6 @@ def test_mux_may_listen_to_another_mux(tmp_path: Path) -> None:
     found = [each for each in wiring(nodes) if each.kind.startswith('source')]
     texts = [each.text for each in found if 'estop.' in each.text]
     assert [text.partition(':')[0] for text in texts] == ['/site', '/a/safety_mux/e_stop']
-
-
-def test_remote_that_is_left_over_is_found(tmp_path: Path) -> None:
-    nodes: dict[str, Any] = {'fort_vsc_bridge': {}, 'vm110_bridge': {}, 'esi_drive_bridge': {}}
-    found = wired(tmp_path, safety_mux={}, **nodes)
-    assert kinds(found) == ['e-stop unheard', 'sticks unheard']
-    assert all('/vm110_bridge' in each.text for each in found)
-
-
-def test_joints_that_the_mux_does_not_have_are_found(tmp_path: Path) -> None:
-    drive = {'joint_names': ['front', 'rear']}
-    found = wired(tmp_path, fort_vsc_bridge={}, safety_mux={}, esi_drive_bridge=drive)
-    assert kinds(found) == ['joints differ']
-
-
-def test_port_of_two_nodes_is_found(tmp_path: Path) -> None:
-    found = wired(tmp_path, ssc_bridge={'port': '/dev/a'}, esi_drive_bridge={'port': '/dev/a'})
-    assert kinds(found) == ['port twice']
-
-
-def test_mux_in_a_namespace_hears_its_own(tmp_path: Path) -> None:
-    mux = Configured('safety_mux', '/left/safety_mux', {})
-    assert mux.topic('a/b') == '/left/a/b'
-    assert mux.topic('~/b') == '/left/safety_mux/b'
-    assert mux.topic('/b') == '/b'
 
 
 @pytest.mark.parametrize('name', devices())

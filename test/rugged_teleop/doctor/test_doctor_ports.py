@@ -9,6 +9,7 @@ from collections.abc import Collection
 from dataclasses import replace
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -48,37 +49,34 @@ def test_no_permission(groups: Collection[int], entered: Collection[int], kind: 
         assert found[0].remedy == 'sudo usermod -aG dialout robot, then log in again'
 
 
-@pytest.mark.parametrize(('mode', 'uid'), [(0o666, 0), (0o600, 1000), (0o000, 0)])
-def test_owner_everybody_and_root_may_open(mode: int, uid: int) -> None:
-    facts = replace(PORT, mode=mode, uid=uid, gid=0)
-    user = User('robot', 0 if mode == 0 else 1000, {1000})
-    assert port_findings(facts, user, NODE) == []
-
-
-def test_port_that_an_access_list_allows_is_allowed() -> None:
-    facts = replace(PORT, allowed=True)  # as setfacl -m u:robot:rw does
-    assert port_findings(facts, User('robot', 1000, {1000}), NODE) == []
-    assert port_facts('/dev/null').allowed
-
-
-def test_port_in_use_names_who_has_it() -> None:
-    facts = replace(PORT, holders=(Holder(7, '/usr/sbin/ModemManager'),))
-    (found,) = port_findings(facts, ROBOT, NODE)
-    assert (found.kind, found.level) == ('port in use', Level.DO)
-    assert '/usr/sbin/ModemManager (pid 7)' in found.text
+@pytest.mark.parametrize(
+    ('facts', 'user'),
+    [
+        ({'mode': 0o666}, 1000),
+        ({'mode': 0o600, 'uid': 1000}, 1000),
+        ({'mode': 0o000}, 0),
+        ({'allowed': True}, 1000),  # as setfacl -m u:robot:rw does
+    ],
+    ids=['everybody', 'owner', 'root', 'access list'],
+)
+def test_who_may_open_a_port(facts: dict[str, Any], user: int) -> None:
+    found = port_findings(replace(PORT, gid=0, **facts), User('robot', user, {1000}), NODE)
+    assert found == []
 
 
 @pytest.mark.parametrize(
-    'command',
+    ('command', 'kind'),
     [
-        'fort_vsc_bridge: wire /dev/fort_vsc',
-        'python3 -m esi_drive_bridge.node --ros-args',
-        '/ws/install/lib/rugged_teleop/rugged_teleop_stack',
+        ('/usr/sbin/ModemManager', 'port in use'),
+        ('fort_vsc_bridge: wire /dev/fort_vsc', 'port of a node'),
+        ('python3 -m esi_drive_bridge.node --ros-args', 'port of a node'),
+        ('/ws/install/lib/rugged_teleop/rugged_teleop_stack', 'port of a node'),
     ],
 )
-def test_port_of_our_node_is_fine(command: str) -> None:
-    facts = replace(PORT, holders=(Holder(7, command),))
-    assert kinds(port_findings(facts, ROBOT, NODE)) == ['port of a node']
+def test_port_that_somebody_has_names_who(command: str, kind: str) -> None:
+    (found,) = port_findings(replace(PORT, holders=(Holder(7, command),)), ROBOT, NODE)
+    assert found.kind == kind
+    assert f'{command} (pid 7)' in found.text
 
 
 def test_port_that_is_not_there(tmp_path: Path) -> None:
@@ -134,9 +132,9 @@ def test_holders_are_found_by_descriptor_and_by_lock(tmp_path: Path) -> None:
 
 
 def test_this_machine_can_be_looked_at() -> None:
-    user = this_user()
-    assert user.uid == os.geteuid()
-    assert port_facts('/dev/null').group
+    null = port_facts('/dev/null')
+    assert (this_user().uid, null.allowed) == (os.geteuid(), True)
+    assert null.group
 
 
 def test_vsc_without_its_udev_rules_is_found(tmp_path: Path) -> None:

@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import errno
 from pathlib import Path
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -24,17 +25,22 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from bridge_core import clock
+from bridge_core.fingerprint import fingerprint
 from bridge_core.parameter_files import check_names
+from bridge_core.parameters import ParameterError
+from rugged_teleop.ledger.book import Book
+from rugged_teleop.ledger.facts import Facts
+from rugged_teleop.ledger.stopping import Trend
 from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of, message_class
 from rugged_teleop.recorder.folder import file_name, Folder
-from rugged_teleop.recorder.node import Recorder
-from rugged_teleop.recorder.reasons import Nodes, Reasons
+from rugged_teleop.recorder.node import _curves, Recorder
+from rugged_teleop.recorder.reasons import Nodes, Reasons, Schedule
 from rugged_teleop.recorder.ring import Channel, Heard, Ring
-from rugged_teleop.recorder.schedule import Schedule
 from rugged_teleop.recorder.writer import FileWriter, RecordingFile
 from rugged_teleop.recordings import read, Said
 from rugged_teleop.stack import BESIDE, configured_nodes, NODES
+from safety_mux.node import SafetyMux
 from stage.rig import NodeProcess, own_domain, wait_for
 
 BOOL = Channel('/mux/estop', 'std_msgs/msg/Bool', definition_of('std_msgs/msg/Bool'))
@@ -90,7 +96,7 @@ def run_schedule(asked: dict[float, str], until: float) -> list[tuple[float, flo
         if now in asked:
             schedule.ask(asked[now], now, at_once=asked[now] == 'save')
         if schedule.may_end(now):
-            schedule.end(now)
+            schedule.ended(now)
             found.append((begun, now))
         if schedule.may_begin(now):
             schedule.begin(now)
@@ -98,17 +104,18 @@ def run_schedule(asked: dict[float, str], until: float) -> list[tuple[float, flo
     return found
 
 
-def test_storm_of_stops_gives_one_recording_a_minute_without_a_gap() -> None:
-    storm = {float(second): 'stop' for second in range(5, 200)}
-    assert run_schedule(storm, 300.0) == [(5, 65), (65, 125), (125, 185), (185, 209)]
-
-
-def test_stop_soon_after_a_recording_waits_for_the_next() -> None:
-    assert run_schedule({5.0: 'stop', 30.0: 'stop'}, 200.0) == [(5, 15), (65, 66)]
-
-
-def test_stop_during_a_recording_prolongs_it() -> None:
-    assert run_schedule({5.0: 'stop', 14.0: 'fault'}, 200.0) == [(5, 24)]
+@pytest.mark.parametrize(
+    ('asked', 'recorded'),
+    [
+        (dict.fromkeys(map(float, range(5, 200)), 'stop'), [5, 65, 65, 125, 125, 185, 185, 209]),
+        ({5.0: 'stop', 30.0: 'stop'}, [5, 15, 65, 66]),
+        ({5.0: 'stop', 14.0: 'fault'}, [5, 24]),
+        ({5.0: 'stop', 30.0: 'save'}, [5, 15, 30, 40]),
+    ],
+    ids=['a storm gives one a minute', 'soon after one', 'during one', 'save waits for nothing'],
+)
+def test_schedule_of_recordings(asked: dict[float, str], recorded: list[float]) -> None:
+    assert [each for span in run_schedule(asked, 300.0) for each in span] == recorded
 
 
 def test_stop_names_the_recording_whatever_was_heard_before_it() -> None:
@@ -116,10 +123,6 @@ def test_stop_names_the_recording_whatever_was_heard_before_it() -> None:
     for reason in ('save', 'fault_drive: link', 'stop', 'trip'):
         schedule.ask(reason, 0.0)
     assert schedule.reason == 'stop'
-
-
-def test_save_waits_for_nothing() -> None:
-    assert run_schedule({5.0: 'stop', 30.0: 'save'}, 200.0) == [(5, 15), (30, 40)]
 
 
 # The reasons.
@@ -137,15 +140,17 @@ def estop(data: bool) -> bytes:
 
 def test_stop_of_the_mux_is_a_reason_but_no_stop_that_was_there_before() -> None:
     found = reasons(Nodes((VSC, MUX), (MUX,)))
-    told = [found.of(f'{MUX}/estop', estop(stop)) for stop in (True, True, False, True, True)]
+    told = [
+        found.reason_of(f'{MUX}/estop', estop(stop)) for stop in (True, True, False, True, True)
+    ]
     assert told == ['', '', '', 'stop', '']
     # Of a bridge it is none: the mux says which of them stop the machine.
-    assert [found.of(f'{VSC}/estop', estop(stop)) for stop in (False, True)] == ['', '']
+    assert [found.reason_of(f'{VSC}/estop', estop(stop)) for stop in (False, True)] == ['', '']
 
 
 def test_stop_of_a_bridge_is_a_reason_where_there_is_no_mux() -> None:
     found = reasons(Nodes((VSC,)))
-    told = [found.of(f'{VSC}/estop', estop(stop)) for stop in (False, True)]
+    told = [found.reason_of(f'{VSC}/estop', estop(stop)) for stop in (False, True)]
     assert told == ['', 'stop_left/fort_vsc_bridge']
 
 
@@ -154,7 +159,7 @@ def test_fault_is_a_reason_once_and_those_of_strangers_are_none() -> None:
 
     def told(name: str, level: bytes) -> str:
         status = DiagnosticStatus(name=name, level=level)
-        return found.of('/diagnostics', serialize_message(DiagnosticArray(status=[status])))
+        return found.reason_of('/diagnostics', serialize_message(DiagnosticArray(status=[status])))
 
     levels = (DiagnosticStatus.ERROR, DiagnosticStatus.OK, DiagnosticStatus.ERROR)
     name = 'left/fort_vsc_bridge: device'
@@ -169,8 +174,8 @@ def status_of(by: str, tripped: str = 'false') -> bytes:
 
 def test_trip_is_a_reason_though_the_machine_is_stopped_already() -> None:
     found = reasons(Nodes((MUX,), (MUX,)))
-    assert not found.of(f'{MUX}/status', status_of("operator 'fort'"))
-    assert found.of(f'{MUX}/status', status_of('trip', 'true')) == 'trip'
+    assert not found.reason_of(f'{MUX}/status', status_of("operator 'fort'"))
+    assert found.reason_of(f'{MUX}/status', status_of('trip', 'true')) == 'trip'
 
 
 def test_stop_is_named_by_the_mux_that_stopped_and_by_that_stop() -> None:
@@ -178,20 +183,20 @@ def test_stop_is_named_by_the_mux_that_stopped_and_by_that_stop() -> None:
     found = reasons(Nodes((MUX, other), (MUX, other)))
 
     def stop(mux: str) -> None:
-        assert not found.of(f'{mux}/estop', estop(False))
-        assert found.of(f'{mux}/estop', estop(True)) == 'stop'
+        assert not found.reason_of(f'{mux}/estop', estop(False))
+        assert found.reason_of(f'{mux}/estop', estop(True)) == 'stop'
 
     stop(MUX)
-    found.of(f'{MUX}/status', status_of('trip'))
-    found.of(f'{MUX}/status', status_of('none'))  # it was reset
+    found.reason_of(f'{MUX}/status', status_of('trip'))
+    found.reason_of(f'{MUX}/status', status_of('none'))  # it was reset
     assert found.stopped_by == 'trip'
     stop(other)
-    found.of(f'{MUX}/status', status_of('trip'))
+    found.reason_of(f'{MUX}/status', status_of('trip'))
     assert found.stopped_by == '', 'not what the other one was stopped by'
-    found.of(f'{other}/status', status_of("operator 'fort'"))
+    found.reason_of(f'{other}/status', status_of("operator 'fort'"))
     assert found.stopped_by == "operator 'fort'"
     stop(MUX)  # as its process ended; the next one knows of no cause
-    found.of(f'{MUX}/status', status_of('none'))
+    found.reason_of(f'{MUX}/status', status_of('none'))
     assert found.stopped_by == ''
 
 
@@ -199,12 +204,12 @@ def test_stop_is_named_by_the_mux_that_stopped_and_by_that_stop() -> None:
 
 
 class Foreign:
-    """Creates clients of a node with parameters a and b, which answer at once: ``values``."""
+    """Creates clients of a node with such parameters, which answer at once: ``values``."""
 
-    def __init__(self, *values: ParameterValue) -> None:
-        names = ListParametersResult(names=['a', 'b'])
+    def __init__(self, *values: ParameterValue, names: Sequence[str] = ('a', 'b')) -> None:
+        result = ListParametersResult(names=names)
         self._answers = {
-            ListParameters: ListParameters.Response(result=names),
+            ListParameters: ListParameters.Response(result=result),
             GetParameters: GetParameters.Response(values=values),
         }
 
@@ -250,6 +255,28 @@ def test_node_that_answers_wrongly_has_no_parameters(
     assert asked.known == {'/plc': known}
 
 
+def test_ledger_has_the_fingerprint_of_a_commissioning_report(context: Any) -> None:
+    node = SafetyMux(context=context, parameter_overrides=[Parameter('rate', value=50.0)])
+    names = node.list_parameters([], 0).names
+    values = [node.get_parameter(name).get_parameter_value() for name in names]
+    asked = AskedParameters(Foreign(*values, names=names))
+    for now in (0.0, 0.5):
+        asked.look([MUX], now)
+    expected = {MUX: node.values}
+    node.destroy_node()
+    facts = Facts()
+    tuple(facts.of_nodes([MUX, '/drive']))
+    ((_, first),) = facts.of_parameters(asked.known)
+    both = {**asked.known, '/drive': {'port': '"a"'}}
+    ((_, second),) = facts.of_parameters(both)
+    assert first['sha256'] == first['all'] == fingerprint(expected)
+    assert second['sha256'] == fingerprint({'/drive': {'port': 'a'}})
+    assert second['all'] == fingerprint({**expected, '/drive': {'port': 'a'}})
+    tuple(facts.of_nodes(['/drive']))  # the mux has left
+    ((_, third),) = facts.of_parameters({**both, '/drive': {'port': '"b"'}})
+    assert third['all'] == third['sha256'] != second['sha256']
+
+
 # The files.
 
 
@@ -274,6 +301,7 @@ def test_names_sort_by_time_and_say_why() -> None:
 def test_oldest_go_first_and_nothing_that_is_not_ours(tmp_path: Path) -> None:
     (tmp_path / 'notes.txt').write_bytes(bytes(1000))
     names = [file_name(float(second), 'stop') for second in range(5)]
+    names[0] += '.part'  # it was never finished
     for name in names:
         (tmp_path / name).write_bytes(bytes(100))
     assert Folder(tmp_path, 1000, 4).make_room() == [tmp_path / names[0]]
@@ -282,12 +310,34 @@ def test_oldest_go_first_and_nothing_that_is_not_ours(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == [names[4], 'notes.txt']
 
 
-def test_recording_that_was_never_finished_counts_too(tmp_path: Path) -> None:
-    for second in range(3):
-        name = file_name(float(second), 'stop') + ('.part' if second == 0 else '')
-        (tmp_path / name).write_bytes(bytes(100))
-    (removed,) = Folder(tmp_path, 1000, 2).make_room()
-    assert removed.name.endswith('.part')
+@pytest.mark.parametrize(
+    ('files', 'quota', 'left'),
+    [
+        (4, 1000, ['save', 'stop_a', 'fault_c', 'fault_d']),
+        (3, 1000, ['save', 'stop_a', 'fault_d']),
+        (9, 250, ['stop_a', 'fault_d']),
+        (1, 50, ['fault_d']),
+    ],
+)
+def test_faults_go_before_what_somebody_did(
+    tmp_path: Path, files: int, quota: int, left: list[str]
+) -> None:
+    reasons = ['save', 'fault_b', 'stop_a', 'fault_c', 'fault_d']
+    for second, reason in enumerate(reasons):
+        (tmp_path / file_name(float(second), reason)).write_bytes(bytes(100))
+    folder = Folder(tmp_path, quota, files)
+    folder.make_room()
+    kept = [path.stem.partition('Z_')[2] for path in folder.recordings()]
+    assert kept == left
+
+
+def test_kept_recording_stays_and_no_longer_counts(tmp_path: Path) -> None:
+    folder = Folder(tmp_path, 50, 1)
+    for second in range(2):
+        (tmp_path / file_name(float(second), 'stop')).write_bytes(bytes(100))
+    kept = folder.keep(folder.recordings()[0])
+    assert folder.make_room() == []
+    assert kept.stat().st_size == 100
 
 
 class Bench:
@@ -309,7 +359,7 @@ class Bench:
         self.writer.begin('stop', parameters, before)
         self.writer.add([Heard(now, now, JOINTS, serialize_message(joints))])
         late = {'/safety_mux': {'rate': '50.0'}, '/drive': {'axes': '1'}}  # known by the end
-        self.writer.end('stop_trip', parameters | late)
+        self.writer.finish('stop_trip', parameters | late)
 
     def wait(self, *beginnings: str) -> None:
         wait_for(lambda: len(self.said) >= len(beginnings), what=lambda: str(self.said))
@@ -422,7 +472,49 @@ def test_stop_is_not_recorded_again_when_the_node_is_activated_again(
     node.lane.call(node._step, now + 100.0)
     node.shut_down()
     node.destroy_node()
-    assert len([*tmp_path.iterdir()]) == 1
+    assert len([*tmp_path.glob('*.mcap')]) == 1
+
+
+@pytest.mark.parametrize(
+    ('file', 'text'),
+    [('none', 'No such file'), ('[', 'Expecting value'), ('{}', 'stopping: ')],
+)
+def test_report_that_is_none_stops_the_node(tmp_path: Path, file: str, text: str) -> None:
+    if file != 'none':
+        (tmp_path / 'report.json').write_text(file, encoding='utf-8')
+    with pytest.raises(ParameterError, match=f'parameter commissioning.report = .*{text}'):
+        _curves(str(tmp_path))
+
+
+def test_status_says_what_is_wrong_with_the_ledger_or_the_brakes() -> None:
+    ledger = SimpleNamespace(error='', lost=0, anchor=SimpleNamespace(error=''), book=Book(Path()))
+    trend, late = Trend({}, 0.25), list[str]()
+    tried = SimpleNamespace(overdue=lambda _: late, said=lambda _: ['fort 25 h ago'])
+    node: Any = SimpleNamespace(
+        _ledger=ledger,
+        _witness=SimpleNamespace(trend=trend, last_stop='', tried=tried),
+    )
+
+    def said() -> str:
+        status = Recorder._ledger_status(node)
+        return f'{status.level.name} {status.message}'
+
+    assert said() == 'OK ok'
+    ledger.anchor.error = 'No such file'
+    assert said() == 'WARN correct ledger.anchor: No such file'
+    late.append('fort 25 h ago')
+    assert said().endswith('last seen to work: fort 25 h ago')
+    trend.judge('left', 10.0, 0.62)
+    trend.judge('left', 9.0, None)
+    values = Recorder._ledger_status(node).values
+    assert values['last seen to work'] == 'fort 25 h ago'
+    assert values['stops of left (rad/s, s, commissioned s)'] == '10.00 0.62 -; 9.00 - -'
+    trend.warnings['left'] = 'left: 0.62 s'
+    assert said().endswith('they stop slower than commissioned: left: 0.62 s')
+    ledger.lost = 3
+    assert said() == 'WARN make room: some lines are lost for ever'
+    ledger.error = 'No space left on device'
+    assert said() == 'ERROR make room or correct ledger.file: No space left on device'
 
 
 NO = 'import sys; sys.modules["mcap.'

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+import json
 from pathlib import Path
 import resource
 from signal import SIGTERM
@@ -15,9 +17,12 @@ from mcap_ros2.decoder import DecoderFactory
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from rugged_teleop.commission.main import read_machine
+from rugged_teleop.commission.running import Running
 from stage.rig import latched, NodeProcess, Observer, Pty
 from stage.toy_bridge import toy_process
 from stage.toy_rig import ESTOP, ToyDevice, wait_value
+from test.rugged_teleop.commission.rig import FILE
 
 PARAMETERS = {'seconds': 5.0, 'after': 0.3, 'period': 1.0}
 LINK_UP = '/toy_bridge/link_up'
@@ -60,7 +65,7 @@ def test_stop_of_a_bridge_is_recorded_with_what_was_before(
         for _ in range(2):
             reply = observer.call(Trigger, '/recorder/save', tries=3)
             assert (reply.success, 'File too large' in reply.message) == (False, True), reply
-        assert [*folder.iterdir()] == []
+        assert [*folder.glob('*.mcap*')] == []
         device.wait_for(lambda: says('recording') == 'no', 'that nothing is recorded')
         resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, room)
         reply = observer.call(Trigger, '/recorder/save', tries=3)
@@ -73,6 +78,12 @@ def test_stop_of_a_bridge_is_recorded_with_what_was_before(
         device.wait_for(
             lambda: {*recorded('_stop_toy_bridge')} - {*before}, 'a recording of the stop'
         )
+        # A daily check has no place of its own in the ledger: its recorder hears what it says.
+        with Running(read_machine(FILE)[0], lambda drive: nullcontext()) as commission:
+            assert commission.say('daily check: passed; by A. B.')
+        lines = (folder / 'ledger.jsonl').read_text(encoding='utf-8').splitlines()
+        (said,) = [line for line in map(json.loads, lines) if line['what'] == 'daily check']
+        assert (said['node'], said['says']) == ('/commission', 'passed; by A. B.')
         assert recorder.end(SIGTERM) == 0
     with recorded('_stop_toy_bridge')[-1].open('rb') as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])

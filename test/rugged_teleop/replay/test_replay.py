@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import importlib
 import math
 from pathlib import Path
@@ -271,9 +272,13 @@ def test_error_that_was_no_stop_is_told_though_the_drive_moved() -> None:
 
 
 def test_what_is_missing_for_a_session_is_named(recordings: dict[str, Loaded]) -> None:
-    found = replay_session(VSC, recordings['lost_remote'].said, {}, None)
+    said = recordings['lost_remote'].said
+    found = replay_session(VSC, said, {}, None)
     assert found.notes == ['not compared: its parameters would be needed']
     assert not found.compared
+    box = [replace(each, topic=each.topic.replace(VSC, '/io_bridge')) for each in said]
+    found = replay_session('/io_bridge', box, {'unit': 1}, None)
+    assert found.notes == ['not compared: the questions that they answer would be needed']
 
 
 @pytest.mark.parametrize(

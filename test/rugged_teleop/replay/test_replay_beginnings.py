@@ -6,18 +6,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from bridge_core.parameters import MANAGED_PARAMETERS, resolve
+from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, resolve
+from bridge_core.proof import nanoseconds, Writer
 from rugged_teleop.recordings import Said
-from rugged_teleop.replay.found import Outcome
 from rugged_teleop.replay.mux import MuxReplay
+from rugged_teleop.replay.track import Outcome
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import Decision
+from safety_mux.proofs import proven_nodes
+from safety_mux.protocol import Decision, Kind
 
 MUX = '/robot/safety_mux'
 PERIOD = 0.01
@@ -27,7 +31,7 @@ GIVEN = {
     'autonomy.wheel_separation': 0.5,
     'autonomy.wheel_radius': 0.1,
     'estop_sources': ['gate'],
-    'estop.gate.topic': '/gate',
+    'estop.gate.topic': '/gate/estop',
     'operators': ['pad'],
     'operator.pad.topic': '/pad/joy',
     'operator.pad.axis': [1, 0],
@@ -37,7 +41,10 @@ GIVEN = {
     'speed_limits': ['zone'],
     'speed_limit.zone.topic': '/zone',
 }
-STAMP = SimpleNamespace(sec=1, nanosec=0)
+REQUIRED = dict.fromkeys(
+    ('estop.gate.proof', 'operator.pad.proof', 'drive_enabled_proof'), 'required'
+)
+HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0))
 
 
 def vector(x: float = 0.0, z: float = 0.0) -> SimpleNamespace:
@@ -45,18 +52,23 @@ def vector(x: float = 0.0, z: float = 0.0) -> SimpleNamespace:
 
 
 def pad(stick: float = 0.0, deadman: int = 0) -> SimpleNamespace:
-    return SimpleNamespace(
-        header=SimpleNamespace(stamp=STAMP), axes=[0.0, stick, 0.0], buttons=[deadman, 0]
-    )
+    return SimpleNamespace(header=HEADER, axes=[0.0, stick, 0.0], buttons=[deadman, 0])
 
 
 class World:
-    """A mux, what it hears, and the recording of both. ``pad`` and ``planner`` are what comes."""
+    """
+    A mux, what it hears, and the recording of both. ``pad`` and ``planner`` are what comes.
 
-    def __init__(self) -> None:
-        self.given = GIVEN
-        self.values = resolve((*MANAGED_PARAMETERS, *parameter_table(GIVEN)), GIVEN)
-        self.intake = Intake(self.values, 0.0)
+    :param proves: gate, pad and drive prove how old their words are; ``is_late``: with old proofs.
+    """
+
+    def __init__(self, *, proves: bool = False) -> None:
+        self.given = GIVEN | (REQUIRED if proves else {})
+        self.values = resolve((*MANAGED_PARAMETERS, *parameter_table(self.given)), self.given)
+        self.intake = Intake(self.values, 0.0, self._on_sound)
+        nodes = proven_nodes(self.intake.arbiter, self.values, partial(full_topic, MUX))
+        self.proven = {each.name: (each, Writer(7)) for each in nodes} if proves else {}
+        self.is_late = False
         self.said: list[Said] = []
         self.pad, self.planner, self.gate = pad(), 0.0, False
         self.now = 0.0
@@ -73,6 +85,7 @@ class World:
             for topic, message in self._heard():
                 self._say(topic, message)
                 self._inputs[topic].take(message, self.now)
+            self._prove()
             self._decide()
 
     def ask(self, service: str, *arguments: Any) -> None:
@@ -84,14 +97,37 @@ class World:
     def _heard(self) -> Iterator[tuple[str, Any]]:
         demand = (0.0, 0.0) if self._decision is None else self._decision.demand
         enabled = self._decision is not None and self._decision.enable
-        yield '/gate', SimpleNamespace(data=self.gate)
+        yield '/gate/estop', SimpleNamespace(data=self.gate)
         yield '/drive/enabled', SimpleNamespace(data=enabled)
         yield '/zone', SimpleNamespace(data=0.5)
         names = list(self.values['joints'])
-        yield '/drive/joint_states', SimpleNamespace(name=names, velocity=list(demand))
+        measured = SimpleNamespace(header=HEADER, name=names, velocity=list(demand))
+        yield '/drive/joint_states', measured
         yield '/pad/joy', self.pad
         twist = SimpleNamespace(linear=vector(x=self.planner), angular=vector())
         yield '/robot/planner/velocity', twist
+
+    def _on_sound(self, kind: Kind, name: str, message: Any) -> None:
+        for node, writer in self.proven.values():
+            if (kind, name) in node.inputs:
+                writer.vouch(nanoseconds(message.header.stamp))
+                node.hear_stamp(kind, name, message.header.stamp, self.now)
+
+    def _prove(self) -> None:
+        """Have each node that proves its words asked, and answer if it is not late."""
+        if round(self.now / PERIOD) % 5:
+            return
+        for name, (node, writer) in self.proven.items():
+            asked = node.challenge(self.now - PERIOD / 2)
+            self._say(f'{name}/challenge', SimpleNamespace(data=asked))
+            if not self.is_late:
+                writer.hear(asked, self.now)
+            stop = self.gate and name == '/gate'
+            enabled = self._decision is not None and self._decision.enable
+            writer.say(estop=stop, own_estop=stop, enable=enabled)
+            proof = writer.proof(self.now)
+            self._say(f'{name}/proof', SimpleNamespace(data=proof))
+            node.hear(proof, self.now)
 
     def _decide(self) -> None:
         decision = self._decision = self.intake.decide(self.now)
@@ -114,16 +150,16 @@ class World:
         return MuxReplay(MUX, said, self.given).run()
 
 
-def ready() -> World:
-    world = World()
+def ready(*, proves: bool = False) -> World:
+    world = World(proves=proves)
     world.run(1.0)
     world.ask('reset')
     world.run(1.0)
     return world
 
 
-def autonomous() -> World:
-    world = ready()
+def autonomous(*, proves: bool = False) -> World:
+    world = ready(proves=proves)
     world.ask('select_autonomy', True)
     world.planner = 0.3
     world.run(2.0)
@@ -132,12 +168,37 @@ def autonomous() -> World:
     return world
 
 
+@pytest.mark.parametrize('proves', [False, True])
 @pytest.mark.parametrize('begin', [0.0, 1.5, 2.1, 3.0, 4.2])
-def test_autonomy_is_replayed_from_any_moment_on(begin: float) -> None:
-    world = autonomous()
+def test_autonomy_is_replayed_from_any_moment_on(begin: float, proves: bool) -> None:
+    world = autonomous(proves=proves)
     states = {each.message.data for each in world.said if each.topic == f'{MUX}/state'}
     assert states == {'STOPPED', 'READY', 'ACTIVE'}
     assert not world.replayed_since(begin).found
+
+
+@pytest.mark.parametrize('begin', [0.0, 1.5, 2.4])
+def test_stop_for_words_that_were_old_is_replayed(begin: float) -> None:
+    world = ready(proves=True)
+    world.run(0.5)
+    world.is_late = True
+    world.run(1.0)
+    world.is_late = False
+    world.run(1.0)
+    world.ask('reset')
+    world.run(0.5)
+    states = [each.message.data for each in world.said if each.topic == f'{MUX}/state']
+    assert [state for state, _ in groupby(states)] == ['STOPPED', 'READY', 'STOPPED', 'READY']
+    assert not world.replayed_since(begin).found
+
+
+def test_pulse_of_a_stop_that_only_a_proof_tells_is_replayed() -> None:
+    world = ready(proves=True)
+    _, writer = world.proven['/gate']
+    writer.say(estop=True, own_estop=True)
+    world.run(0.2)
+    assert world.said[-2].message.data == 'STOPPED'
+    assert not world.replayed_since(1.5).found
 
 
 def test_owner_is_said() -> None:

@@ -145,8 +145,9 @@ class Browser:
             )
 
     def picture(self, path: Path, *, whole: bool = False) -> None:
-        """Write a PNG of what is seen, or of the whole page."""
-        data = self.call('Page.captureScreenshot', format='png', captureBeyondViewport=whole)
+        """Write a PNG or a WebP of what is seen, or of the whole page."""
+        kind = {'format': 'png'} if path.suffix == '.png' else {'format': 'webp', 'quality': 40}
+        data = self.call('Page.captureScreenshot', captureBeyondViewport=whole, **kind)
         path.write_bytes(base64.b64decode(data['data']))
 
     def close(self) -> None:

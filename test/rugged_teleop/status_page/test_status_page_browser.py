@@ -15,7 +15,7 @@ import os
 import pytest
 
 from rugged_teleop.status_page import server
-from stage.page_rig import ACTIVE, FORT, Machine, MUX, STOPPED, TOKEN, UNIT
+from stage.page_rig import ACTIVE, FORT, LEDGER, Machine, MUX, STOPPED, TOKEN, UNIT, WORN
 from stage.rig import ROOT
 from test.rugged_teleop.status_page.chromium import Browser
 
@@ -94,8 +94,10 @@ def says(browser: Browser, selector: str, text: str) -> None:
 
 def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: Machine) -> None:
     says(browser, '#banners', 'No motion is let through.')
+    says(browser, '#now', 'Acknowledge on the remote')
+    assert not is_seen(browser, '#inhibits')
+    browser.evaluate('document.querySelector("#rest").open = true')
     says(browser, '#inhibits', 'waiting for reset: call ~/reset')
-    says(browser, '#inhibits', 'call it when nothing else is listed')
     machine.status = ACTIVE
     shows(browser, 'Active')
     says(browser, '#banners', 'fort has control. The machine may move.')
@@ -104,6 +106,13 @@ def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: 
     says(browser, '#alert', 'Active. fort has control.')
     zone = '/^\\d\\d:\\d\\d:\\d\\d \\S+$/.test(document.querySelector("#events time").innerText)'
     browser.wait(zone, 'a time with its zone')
+    fort = "e-stop source 'fort'"
+    machine.status = ACTIVE | {f'condition of {fort}': 'old', f'proven age of {fort} (s)': '0.634'}
+    machine.status['from button to wire, at most (s)'] = '0.912'
+    says(browser, '.sources', 'old (up to 634 ms old)')
+    says(browser, '.ages', 'from button to wire: at most 912 ms')
+    machine.status['from button to wire, at most (s)'] = 'unknown'
+    says(browser, '.ages', 'at most unknown')
 
 
 def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:
@@ -114,6 +123,20 @@ def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:
           .getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))""",
         'lines on every chart',
     )
+
+
+def test_memory_and_brakes_are_shown(browser: Browser, machine: Machine) -> None:
+    assert not is_seen(browser, '#memory')
+    machine.ledger = LEDGER
+    says(browser, '#memory', 'last seen to work: fort 3 h ago, deadman of fort never')
+    says(browser, '#memory', WORN)
+    says(browser, f'#stops {card("left")}', '0.62 s from 10.0 rad/s, commissioned 0.41')
+    says(browser, f'#stops {card("right")}', '0.37 s from 9.0 rad/s')
+    bars = '[...document.querySelectorAll("#stops svg")].map((plot) => plot.children.length)'
+    assert browser.evaluate(bars) == [42, 5]
+    browser.show(*PHONE)
+    assert browser.evaluate('document.documentElement.scrollWidth') <= PHONE[0]
+    assert browser.evaluate(PALE) == []
 
 
 def test_recordings_are_listed_with_their_sizes(browser: Browser, machine: Machine) -> None:
@@ -162,8 +185,15 @@ def test_page_that_hangs_is_as_good_as_lost(browser: Browser, machine: Machine) 
 
 
 def test_words_from_outside_are_no_html(browser: Browser, machine: Machine) -> None:
-    machine.status = STOPPED | {'inhibit 1': '<img src=x onerror="document.title=1">'}
-    says(browser, '#inhibits', '<img src=x')
+    injected = '<img src=x onerror="document.title=1">'
+    machine.status = STOPPED | {
+        'inhibit 1': injected,
+        'code.1': 'of another',
+        'warning 1': injected,
+    }
+    browser.evaluate('document.querySelector("#rest").open = true')
+    for place in ('#now', '#inhibits'):
+        says(browser, place, '<img src=x')
     assert browser.evaluate('document.title') == 'Stopped · rugged_teleop'
 
 
@@ -172,9 +202,10 @@ def test_phone_has_no_sideways_scroll_and_every_text_its_contrast(
     browser: Browser, machine: Machine, dark: bool
 ) -> None:
     browser.show(*PHONE, dark=dark)
+    browser.evaluate('document.querySelector("#rest").open = true')
     machine.estops[UNIT] = True
     for status in (
-        STOPPED | {'inhibit 1': LONG, 'warning 1': LONG, 'slowed': LONG},
+        STOPPED | {'inhibit 1': LONG, 'code.1': LONG, 'warning 1': LONG, 'slowed': LONG},
         ACTIVE | {'owner': LONG},
         {'state': 'READY'},
         {'state': 'STOPPING'},
@@ -251,7 +282,7 @@ def test_pictures_of_the_documents(browser: Browser) -> None:
         browser.show(1100, 1000)
         browser.load(machine.address)
         shows(browser, 'Active')
-        browser.picture(images / 'rugged_teleop.status_page.png')
+        browser.picture(images / 'status_page.png')
         machine.status, machine.estops[FORT] = STOPPED, True
         machine.axes, machine.speed = [0.0] * 4, 0.0
         browser.show(390, 800, dark=True)

@@ -14,7 +14,9 @@ from typing import Any
 
 import pytest
 
+from bridge_core.reasons import advice
 from rugged_teleop.devices import devices
+from rugged_teleop.reasons import catalogue
 from rugged_teleop.status_page.graph import find, Found
 from rugged_teleop.status_page.model import Diagnostic, SILENT
 from stage.page_rig import (
@@ -24,7 +26,6 @@ from stage.page_rig import (
     model,
     MONITOR,
     MUX,
-    remedies,
     STOPPED,
     TOPICS,
     UNIT,
@@ -44,6 +45,29 @@ def texts(snapshot: dict[str, Any]) -> list[str]:
     return [event['text'] for event in snapshot['events']]
 
 
+# What a recorder remembers.
+
+
+@pytest.mark.parametrize(
+    ('text', 'points'),
+    [
+        ('10.00 0.62 0.41; 8.00 - -', [[10.0, 0.62, 0.41], [8.0, None, None]]),
+        ('fast; 1 2; 1 2 x; 1 2 3 4; nan 0.1 inf', [[0.0, 0.1, None]]),
+        ('', []),
+    ],
+)
+def test_stops_of_a_recorder_are_read_or_left_out(text: str, points: list[Any]) -> None:
+    page = model()
+    said = Diagnostic(1, 'worn', {'stops of left (rad/s, s, commissioned s)': text})
+    page.diagnostic('recorder: ledger', said, 1.0)
+    (ledger,) = page.snapshot(2.0, 2.0)['ledgers']
+    assert ledger['stops'] == ([{'joint': 'left', 'points': points}] if points else [])
+    assert ledger['warning'] == 'worn'
+    (ledger,) = page.snapshot(9.0, 9.0)['ledgers']
+    assert (ledger['stops'], ledger['warning']) == ([], '')
+    assert ledger['worked'].startswith('not heard')
+
+
 # What there is.
 
 
@@ -59,20 +83,15 @@ def test_bridges_are_known_by_names_and_types_of_their_topics() -> None:
     assert list(found.muxes) == [MUX]
     assert {name for name, each in found.bridges.items() if each.actuates} == {DRIVE, MONITOR}
 
-
-def test_topic_of_another_type_is_no_bridge() -> None:
-    assert not found_in({'/a/estop': ['std_msgs/msg/String'], '/a/link_up': ['x']}).bridges
+    topics = {'/winch/estop': ['std_msgs/msg/Bool'], '/winch/link_up': ['std_msgs/msg/Bool']}
+    assert found_in(topics).bridges['/winch'].title == 'winch'
+    assert not found_in({**topics, '/winch/estop': ['std_msgs/msg/String']}).bridges
 
 
 def test_namespace_shows_nothing_of_its_neighbour() -> None:
     both = {f'{side}{topic}': kinds for topic, kinds in TOPICS.items() for side in ('/l', '/le')}
     assert set(found_in(both, '/l').muxes) == {'/l/safety_mux'}
     assert set(found_in(both, '/').muxes) == {'/l/safety_mux', '/le/safety_mux'}
-
-
-def test_sixth_device_is_shown_by_its_name() -> None:
-    topics = {'/winch/estop': ['std_msgs/msg/Bool'], '/winch/link_up': ['std_msgs/msg/Bool']}
-    assert found_in(topics).bridges['/winch'].title == 'winch'
 
 
 def test_node_whose_topics_go_one_by_one_keeps_its_title() -> None:
@@ -209,28 +228,7 @@ CHANGES: tuple[Callable[[MuxBench], object], ...] = (
 )
 
 
-@pytest.mark.parametrize(
-    ('inhibit', 'remedy'),
-    [
-        ('waiting for reset: call ~/reset', 'call it when nothing else is listed'),
-        ("e-stop source 'fort' demands a stop: VSC reports e-stop", 'as it says'),
-        (
-            "operator 'fort' is invalid: it has 2 axes, 6 are needed",
-            'correct operator',
-        ),
-        ("operator 'fort' is invalid: two live publishers on /joy: stop one of them", 'a bridge'),
-        ("autonomy is invalid: its joints are ['a'], not ['b']", 'correct the planner'),
-        ('nobody listens to ~/command: is the drive node running and wired?', 'the drive node'),
-        ('stopping on a ramp: x; ramping, left at 3.0 rad/s', 'stop category 1'),
-        ('something that nobody has thought of', ''),
-    ],
-)
-def test_inhibit_has_the_remedy_of_the_table(inhibit: str, remedy: str) -> None:
-    assert remedies().of(inhibit).startswith(remedy)
-    assert bool(remedies().of(inhibit)) is bool(remedy)
-
-
-def test_mux_says_nothing_that_has_no_remedy() -> None:
+def test_mux_says_nothing_without_a_code_and_what_to_do() -> None:
     """What an arbiter says on its way through silence, stops, reset, control and loss."""
     said: set[str] = set()
     for change in CHANGES:
@@ -251,10 +249,16 @@ def test_mux_says_nothing_that_has_no_remedy() -> None:
         change(bench)
         bench.run(1.0, note)
     assert len(said) > 50
-    table = remedies()
-    assert {re.sub('[0-9.]+', '#', text) for text in said if not table.of(text)} == set()
+    table = catalogue()
+    assert {re.sub('[0-9.]+', '#', text) for text in said if not advice(text, table)} == set()
 
 
-def test_table_of_remedies_is_found_in_the_page() -> None:
-    assert len(remedies()) > 60
-    assert not any(mark in remedies().of('the mux is not active') for mark in '`[]')
+def test_first_card_says_what_to_do_now_and_the_rest_is_behind_it() -> None:
+    page = model()
+    page.status(MUX, STOPPED, 1.0)
+    page.state(MUX, 'STOPPED', 1.0)
+    mux = page.snapshot(1.1, 1.0)['muxes'][0]
+    steps = ['Release it, or bring it into reach', 'Acknowledge on the remote', 'Reset']
+    cause = 'FORT remote: e-stop pressed, or out of reach'
+    assert mux['now'] == [{'code': 'fort.estop.remote', 'cause': cause, 'steps': steps}]
+    assert [each['code'] for each in mux['inhibits']] == ['fort.estop.remote', 'mux.reset.due']

@@ -9,8 +9,6 @@ import asyncio
 from collections.abc import Iterator
 import re
 import socket
-import subprocess
-import sys
 import threading
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +21,7 @@ from std_msgs.msg import Bool
 from rugged_teleop.status_page.node import StatusPage
 from stage.mux_talkers import MuxBench, sticks
 from stage.page_rig import watch
-from stage.rig import latched, NodeProcess, Observer, own_domain, ROOT, TIMEOUT_FACTOR
+from stage.rig import latched, NodeProcess, Observer, own_domain, run_python
 from stage.talkers import Talker
 
 
@@ -209,6 +207,7 @@ def test_page_publishes_nothing_and_waits_for_nobody(bench: Bench) -> None:
 def test_answer_that_comes_too_late_is_an_event_and_no_fault() -> None:
     answered: list[Any] = []
     notes: list[Any] = []
+    lines: list[str] = []
     reply = SimpleNamespace(success=True, message='reset: READY')
     asked = SimpleNamespace(add_done_callback=answered.append, result=lambda: reply)
     client = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _: asked)
@@ -216,36 +215,26 @@ def test_answer_that_comes_too_late_is_an_event_and_no_fault() -> None:
         _callers={'/mux/reset': client},
         _note=None,
         lane=SimpleNamespace(post=lambda _, *what: notes.append(what)),
+        get_logger=lambda: SimpleNamespace(info=lines.append),
     )
-    wish = StatusPage._control(page, 'reset', '/mux')
+    wish = StatusPage._control(page, 'reset', '/mux', '192.0.2.7')
     wish.cancel()  # whoever waited has given up
     answered[0](asked)
     assert notes == [('/mux: reset, by this page', 'reset: READY')]
+    assert lines == ['page: /mux: reset, from 192.0.2.7: reset: READY']  # for the ledger
 
 
 # What keeps it from starting.
 
 
-def outcome(*arguments: str, source: str = '') -> tuple[int, str]:
-    own_domain()
-    start = ['-c', source] if source else ['-m', 'rugged_teleop', 'page']
-    done = subprocess.run(
-        [sys.executable, *start, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=60.0 * TIMEOUT_FACTOR,
-    )
-    return done.returncode, done.stderr
-
-
 def test_taken_port_ends_it_with_status_2_and_names_port_and_parameter() -> None:
+    own_domain()
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
-        status, error = outcome('--port', str(port))
-    assert status == 2
-    assert f'127.0.0.1 port {port}: address already in use' in error.lower()
-    assert 'set host or port' in error.splitlines()[-1]
+        done = run_python('-m', 'rugged_teleop', 'page', '--port', str(port))
+    assert done.returncode == 2
+    assert f'127.0.0.1 port {port}: address already in use' in done.stderr.lower()
+    assert 'set host or port' in done.stderr.splitlines()[-1]
 
 
 def test_missing_aiohttp_ends_it_with_the_line_to_type() -> None:
@@ -255,7 +244,8 @@ sys.modules['aiohttp'] = None
 from rugged_teleop.page import main
 main(['--port', '0'])
 """
-    status, error = outcome(source=source)
-    assert status == 2
-    assert 'pip install aiohttp' in error
-    assert 'Traceback' not in error
+    own_domain()
+    done = run_python('-c', source)
+    assert done.returncode == 2
+    assert 'pip install aiohttp' in done.stderr
+    assert 'Traceback' not in done.stderr

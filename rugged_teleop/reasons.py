@@ -1,0 +1,60 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""All that nodes of this package say, by code, for the tools and for the pages."""
+
+from collections.abc import Mapping
+from functools import cache
+import re
+
+from bridge_core import shared_reasons
+from bridge_core.reasons import Entry, in_a_line
+from rugged_teleop.devices import devices
+from safety_mux import reasons as mux_reasons
+
+_CODE = re.compile(
+    r'(?:ros2|candump) .+|~/\w+|\b[a-z]+\.[\w<>.]+|\b\w+_\w+\b'
+)  # what a page shows as code
+
+
+@cache
+def catalogue() -> Mapping[str, Entry]:
+    """Return the entries of all packages."""
+    found = {**shared_reasons.REASONS, **mux_reasons.REASONS}
+    for device in devices().values():
+        found |= device.reasons
+    return found
+
+
+def markdown_table(entries: Mapping[str, Entry], head: str, folder: str = '') -> str:
+    """Return entries as a table. :param head: of what is said. :param folder: of the page."""
+    codes: dict[Entry, list[str]] = {}
+    for code, entry in entries.items():
+        codes.setdefault(entry, []).append(f'`{code}`')
+    table = f'| {head} | code | who | what to do |\n| --- | --- | --- | --- |\n'
+    return table + ''.join(
+        f'| {"<br>".join(entry.says)} | {"<br>".join(names)} | {_who(entry)} | '
+        f'{_steps(entry, folder)} |\n'
+        for entry, names in codes.items()
+    )
+
+
+def tables() -> dict[str, str]:
+    """Return the table of each page that has one."""
+    pages = {
+        'docs/inhibits.md': markdown_table(mux_reasons.REASONS, 'inhibit'),
+        'docs/common.md': markdown_table(shared_reasons.REASONS, 'message'),
+    }
+    for device in devices().values():
+        if device.reasons:
+            pages[device.page] = markdown_table(device.reasons, 'message', '../')
+    return pages
+
+
+def _who(entry: Entry) -> str:
+    return '' if entry.who == 'nobody' else entry.who
+
+
+def _steps(entry: Entry, folder: str) -> str:
+    text = in_a_line(_CODE.sub(r'`\g<0>`', step) for step in entry.steps)
+    return f'{text} ([more]({folder}{entry.more}))' if entry.more else text

@@ -1,0 +1,64 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The catalogue of reasons against the code that gives them, and against the pages."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+import pytest
+
+from bridge_core.reasons import Entry
+from rugged_teleop.messages import FOLDER, pages
+from rugged_teleop.reasons import catalogue
+from stage.rig import ROOT
+
+MOST_WORDS = 9  # of a cause, and of the first step: read at a glance
+WHO = {'operator', 'technician', 'integrator', 'nobody'}
+GIVES = {'Coded': 0, 'passed_on': 2}  # where in a call the code is
+
+
+def given() -> Iterator[str]:
+    """Yield the codes in the code, as patterns: of some a part is filled in."""
+    packages = (path.parent for path in ROOT.glob('*/py.typed'))
+    for path in (path for package in packages for path in package.rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                yield from code_of(node)
+
+
+def code_of(call: ast.Call) -> Iterator[str]:
+    at = GIVES.get(getattr(call.func, 'id', ''), len(call.args))
+    for argument in call.args[at : at + 1]:
+        if isinstance(argument, ast.Constant) and argument.value:
+            yield re.escape(str(argument.value))
+        elif isinstance(argument, ast.JoinedStr):
+            parts = argument.values
+            yield ''.join(
+                re.escape(str(v.value)) if isinstance(v, ast.Constant) else r'[\w.]+'
+                for v in parts
+            )
+
+
+def test_every_code_that_is_given_is_in_the_catalogue_and_the_other_way_round() -> None:
+    patterns = set(given())
+    assert len(patterns) > 100
+    codes = set(catalogue())
+    of_axes = {code.rpartition('.')[0] for code in codes if code.endswith(('.a', '.b'))}
+    unknown = [p for p in patterns if not any(re.fullmatch(p, c) for c in codes | of_axes)]
+    assert unknown == []
+    narrow = [p for p in patterns if not p.startswith('[')]
+    assert [c for c in codes if not any(re.match(p, c) for p in narrow)] == []
+
+
+@pytest.mark.parametrize(('code', 'entry'), catalogue().items(), ids=list(catalogue()))
+def test_entry_is_read_at_a_glance_and_is_on_a_page(code: str, entry: Entry) -> None:
+    assert entry.who in WHO
+    assert 1 <= len(entry.steps) <= 3
+    assert entry.says
+    for text in (entry.cause, entry.steps[0]):
+        assert len(text.split()) <= MOST_WORDS, text
+    assert not entry.more or Path(FOLDER, entry.more.partition('#')[0]).exists()
+    assert any(f'`{code}`' in Path(FOLDER, page).read_text(encoding='utf-8') for page in pages())
