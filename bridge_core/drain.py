@@ -117,9 +117,8 @@ def main() -> None:
     while data := os.read(sys.stdin.fileno(), _CHUNK):
         for output in outputs:
             output.put(data)
-    for output in outputs:
+    for output in reversed(outputs):  # the file first: what is shown last is why there is none
         output.end()
-    for output in outputs:
         output.thread.join(_LAST_TIME)
     os._exit(0)  # a writer may be blocked
 

@@ -164,7 +164,7 @@ def test_requests_arrive_as_the_manual_says(bench: NodeBench) -> None:
     text = {2: 'BOOM', 90: 'one', 91: 'two', 92: '', 93: ''}
     bench.wait(lambda: simulator.names == text, 'name and lines')
     bench.wait(lambda: simulator.values == {3: -123456, 99: 1}, 'value and display mode')
-    assert [side for _, side in simulator.rumbles] == ['right']
+    bench.wait(lambda: [side for _, side in simulator.rumbles] == ['right'], 'a rumble')
     assert VECTORS['user feedback'] in bench.heard(since)
     bench.user_values.clear()
     bench.ask(UInt8, 'get_user_value', UInt8(data=81))  # Auto Off Enable, 1 as delivered
