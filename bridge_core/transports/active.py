@@ -106,7 +106,7 @@ class Active(Generic[FrameT]):
                 # A line busy with earlier frames is no reason to leave the device moving.
                 while not (taken := self.transport.send(frame)) and clock.now() < end:
                     if ready([self.transport.fileno()], 0.001):
-                        self.transport.receive()  # a line on which one speaks at a time waits for it
+                        self.transport.receive()  # a half-duplex line waits for the answer
             except TransportError as failure:
                 taken, error = False, str(failure)
             if taken:
