@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.device import Device, Simulation
+from io_bridge.reasons import REASONS
 
 
 def _simulation(values: Mapping[str, Any]) -> Simulation:
@@ -26,6 +27,7 @@ DEVICE = Device(
     polled=True,
     answers=True,
     publishes=('reset_button', 'speed_limit'),
+    reasons=REASONS,
     ports={'io_port': 'port'},
     decoders='io_bridge.decoders:DECODERS',
     simulators='io_bridge.simulator:SIMULATORS',

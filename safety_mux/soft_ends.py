@@ -65,7 +65,7 @@ class EndedLimiter:
         self._positions = dict(zip(self.ends, positions, strict=True))
 
     @property
-    def words(self) -> list[str]:
+    def words(self) -> list[Coded]:
         """Say which joints an end slows down or holds."""
         return [
             Coded(
