@@ -16,7 +16,14 @@ import struct
 from typing import Any, ClassVar
 
 from bridge_core.simulation import obey, one_of, switch, within
-from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Key, Mode, mode_name
+from fort_vsc_bridge.protocol.values import (
+    AXIS_NAMES,
+    BUTTON_NAMES,
+    Key,
+    Mode,
+    mode_name,
+    TEXT_KEYS,
+)
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
 BOOT_TIME = 1.0
@@ -200,6 +207,17 @@ class Vsc:
         """The next one, but while a transition takes its time."""
         return Mode.REMOTE_TRANSITION if self._now < self._settled_at else self._next_mode
 
+    @property
+    def display(self) -> str:
+        """What the remote shows: its own screen but in Operational, where key 99 counts (6)."""
+        if not self._active:
+            stopped = 'E-Stop' if self.unacknowledged else mode_name(self.mode)
+            return f'its own: {stopped if self.radio else "Searching"}'
+        kind = self.values.get(Key.DISPLAY_MODE, 0)
+        if kind == 1:
+            return '\n'.join(self.names.get(key, '') for key in TEXT_KEYS)
+        return f'its own: {("position", "text", "names and values", "values")[kind]}'
+
     def acknowledge(self) -> None:
         """Acknowledge a stop on the remote. :raises ValueError: its cause is still there."""
         causes = self._causes(self._now)
@@ -267,6 +285,7 @@ class Vsc:
             'charging': self.charging,
             'values': dict(self.values),
             'names': dict(self.names),
+            'display': self.display,
             'rumbles': len(self.rumbles),
             'host_heartbeats': self.host_heartbeats,
             'too_fast': dict(self.too_fast),
