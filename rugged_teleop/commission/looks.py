@@ -54,18 +54,20 @@ def pressed(source: str, node: str, bound: float, counts: bool = True) -> Look:
             return None
         began, of_what = began_at(heard, marks['since'], said, node)
         what = 'STOPPED' if counts else 'its topic'
-        took = Measured(f'from {of_what} to {what}', max(0.0, ended - began), limit=bound)
-        return Seen(True, f'seen: {source} demands a stop', (took,), {'began': began})
+        took = Measured(f'from {of_what} to {what}', ended - began, limit=bound)
+        measured = (took,) if of_what != what else ()
+        return Seen(True, f'seen: {source} demands a stop', measured, {'began': began})
 
     return look
 
 
 def began_at(heard: History, since: float, said: float, node: str) -> tuple[float, str]:
-    """Return when the stop came from the device, by its frame if ~/raw is there."""
-    frame = heard.on_wire('received', since, True)
-    if frame is not None and frame[1] == node and frame[0] <= said:
-        return frame[0], "the device's frame"
-    return said, 'its topic'
+    """Return when the stop came from the device, or it was heard last, if ~/raw is there."""
+    frame = heard.on_wire('received', since, True, node) if node else None
+    if frame is not None and frame <= said:
+        return frame, "the device's frame"
+    last = heard.last_frame(node, said)
+    return (said, 'its topic') if last is None else (last, "the device's last frame")
 
 
 def refused(heard: History, marks: Marks, now: float) -> Seen | None:
@@ -208,14 +210,24 @@ def _fastest(joints: dict[str, float]) -> float:
 
 
 def disabled(
-    cause: str, node: str, bound: float, state: State = 'STOPPED', pushed: int = 0
+    cause: str,
+    node: str,
+    bound: float,
+    state: State = 'STOPPED',
+    pushed: int = 0,
+    remote: str = '',
 ) -> Look:
     """
     The drive is disabled, and the mux has the state that belongs to the cause.
 
     :param cause: 'estop NAME'; 'joy NAME', whose button ``pushed`` is released; 'end of CHANNEL';
         or empty: what was done.
+    :param remote: the operator whose remote stops, if it is one: its sticks may rest before it
+        says so, and then that is the cause.
     """
+
+    def let_go(heard: History, joy: str, since: float) -> float | None:
+        return heard.first(joy, since, lambda each: each[1][pushed : pushed + 1] != [1])
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = marks['since']
@@ -225,23 +237,26 @@ def disabled(
         if state and heard.first('state', since, lambda each: each == state) is None:
             return None
         packet = heard.on_wire('sent', since, False)
-        ended = min(packet[0], off) if packet else off
+        ended = min(packet, off) if packet else off
         began, of_what = since, 'what was done'
         if cause.startswith('estop '):
             said = heard.first(cause, since, bool)
             if said is None:
                 return None
             began, of_what = began_at(heard, since, said, node)
+            rested = let_go(heard, f'joy {remote}', since)
+            if rested is not None and rested < began:
+                began, of_what = rested, 'its sticks at rest'
         elif cause.startswith('joy '):
-            let_go = heard.first(cause, since, lambda joy: joy[1][pushed : pushed + 1] != [1])
-            if let_go is None:
+            rested = let_go(heard, cause, since)
+            if rested is None:
                 return None
-            began, of_what = let_go, 'its message'
+            began, of_what = rested, 'its message'
         elif cause.startswith(END_OF):
             channel = cause.removeprefix(END_OF)
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
         to_what = 'the first disable packet' if packet else 'the drive that says it is disabled'
-        took = Measured(f'from {of_what} to {to_what}', max(0.0, ended - began), limit=bound)
+        took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})
 
     return look

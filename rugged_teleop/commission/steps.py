@@ -239,9 +239,16 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
     for stop in stops_of(machine):
         if stop.name != 'cable':
             bound = float(machine.values[f'estop.{stop.source}.timeout'])
-            cause = looks.disabled(f'estop {stop.source}', stop.full, bound)
-            operator = remotes.get(stop.source, first)
-            name = f'{remotes.get(stop.source, stop.source)}.{stop.name}'
+            remote = remotes.get(stop.source, '')
+            operator = remote or first
+            cause = looks.disabled(
+                f'estop {stop.source}',
+                stop.full,
+                bound,
+                pushed=first_deadman(machine, operator),
+                remote=remote,
+            )
+            name = f'{remote or stop.source}.{stop.name}'
             yield in_motion(machine, operator, name, stop.press, cause, stop.release)
 
 
