@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
-from rugged_teleop.commission.parts import deadman, get_ready, stops_of
+from rugged_teleop.commission.parts import deadmen, get_ready, stops_of
 from rugged_teleop.commission.step import (
     Look,
     Marks,
@@ -40,9 +40,7 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
     """Return a step for each of an operator's deadman buttons, of which all have to be held."""
     indices = machine.values[f'operator.{operator}.deadman_buttons']
     bound = float(machine.values[f'operator.{operator}.timeout'])
-    acts = {index: deadman(machine, operator, index) for index in indices}
-    presses = tuple(press for press, _ in acts.values())
-    releases = tuple(release for _, release in acts.values())
+    presses, releases = deadmen(machine, operator)
     return [
         Step(
             name=f'deadman.{operator}.{index}',
@@ -56,12 +54,12 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
                 Phase(
                     'its end, and nothing that moves',
                     _let_go(operator, index, bound),
-                    (acts[index][1],),
+                    (release,),
                     person=True,
                 ),
             ),
         )
-        for index in indices
+        for index, release in zip(indices, releases, strict=True)
     ]
 
 

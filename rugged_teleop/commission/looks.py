@@ -20,6 +20,7 @@ _REST = 0.05
 _HELD = 1.0  # s for which a button has to stay pressed
 _RESTED = 0.5  # s for which all has to be at rest
 _MOVES = 0.5  # s for which joints have to move, and to stand
+_NEAR = 0.1  # of what is told, or of the way between soft ends
 _BATCH = 0.3  # s; what ~/raw carries comes so late
 _STEADY = 3.0  # s over which an age is watched
 
@@ -205,6 +206,64 @@ def moving(operator: str, standstill: float) -> Look:
     return look
 
 
+def held_still(operator: str, *, at_once: bool) -> Look:
+    """
+    The operator has control, and nothing is told to move for a while.
+
+    :param at_once: False: a ramp may come before.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        owner = heard.last('status', {}).get('owner')
+        moves = heard.first('command', marks['since'], lambda each: any(each.values()))
+        if at_once and moves is not None:
+            return Seen(False, 'motion was commanded without the button')
+        since = max(marks['since'], now - _MOVES)
+        told = [any(each.values()) for _, each in heard.since('command', since)]
+        long = now - marks['since'] >= _MOVES
+        is_so = heard.last('state') == 'ACTIVE' and owner == operator and told and not any(told)
+        return Seen(True, 'nothing is told to move') if long and is_so else None
+
+    return look
+
+
+def scaled(ratio: float) -> Look:
+    """What is commanded has become so many times as fast."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        before = _fastest(heard.before('command', marks['since']) or {})
+        since = max(marks['since'], now - _MOVES)
+        told = [_fastest(each) for _, each in heard.since('command', since)]
+        if not before or not told or now - marks['since'] < _MOVES:
+            return None
+        near = all(abs(each - ratio * before) <= _NEAR * ratio * before for each in told)
+        words = f'{told[-1]:.2f} rad/s in the place of {before:.2f}'
+        return Seen(True, words) if near else None
+
+    return look
+
+
+def at_soft_end(joint: str, least: float, most: float) -> Look:
+    """A joint is told to go on, and stands at a soft end. It must not be beyond one."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        since = max(marks['since'], now - _MOVES)
+        places = [each[joint] for _, each in heard.since('positions', since) if joint in each]
+        if not places or now - marks['since'] < _MOVES:
+            return None
+        near = _NEAR * (most - least)
+        if not least - near <= places[-1] <= most + near:
+            return Seen(False, f'{joint} is at {places[-1]:.3g} rad, beyond its soft end')
+        ends = min(abs(places[-1] - end) for end in (least, most)) <= near
+        stands = max(places) - min(places) <= _NEAR * near
+        if not ends or not stands:
+            return None
+        ways = {'from': marks.get('place', places[-1]), 'place': places[-1]}
+        return Seen(True, f'{joint} stands at {places[-1]:.3g} rad', (), ways)
+
+    return look
+
+
 def _fastest(joints: dict[str, float]) -> float:
     return max((abs(speed) for speed in joints.values() if math.isfinite(speed)), default=0.0)
 
@@ -227,7 +286,7 @@ def disabled(
     """
 
     def let_go(heard: History, joy: str, since: float) -> float | None:
-        return heard.first(joy, since, lambda each: each[1][pushed : pushed + 1] != [1])
+        return heard.first(joy, since, lambda each: not any(each[1][pushed : pushed + 1]))
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = marks['since']

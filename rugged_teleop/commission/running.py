@@ -90,6 +90,10 @@ class Running(Visitor):
             joints('command', f'{mux.full}/command', 10)
         if values['feedback.topic']:
             joints('joints', mux.topic(values['feedback.topic']), 10)
+            positions = self._subscriber(
+                JointState, lambda m: dict(zip(m.name, m.position, strict=False))
+            )
+            positions('positions', mux.topic(values['feedback.topic']), 10)
         if values['drive_enabled_topic']:
             self._bool('enabled', mux.topic(values['drive_enabled_topic']), latched_qos())
         for name in names_of(values, 'estop_sources'):
