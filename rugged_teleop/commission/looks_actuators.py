@@ -136,7 +136,7 @@ def rests(node: Node, cause: str, bound: float, whose: str = '') -> Look:
         elif cause:
             channel = cause.removeprefix(looks.END_OF)
             began, of_what = looks.last_before(heard, channel, ended, since), f'the last {channel}'
-        took = Measured(f'from {of_what} to {to_what}', max(0.0, ended - began), limit=bound)
+        took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'it is told to rest', (took,), {'began': began, 'rested': ended})
 
     return look
@@ -272,7 +272,7 @@ def replaced(node: str, bound: float) -> Look:
         off = heard.first('enabled', marks['since'], lambda value: not value)
         if off is None or now < off + _BATCH:
             return None
-        ended = packet[0] if packet else off
+        ended = packet or off
         began = looks.last_before(heard, 'joints', ended, marks['since'])
         took = Measured('from its last report to the next disable', ended - began, limit=bound)
         return Seen(True, 'the next wire disables', (took,), {'began': began})

@@ -71,7 +71,7 @@ def actuators_hear(machine: Machine) -> Iterator[Step]:
 
 def actuators(machine: Machine) -> Iterator[Step]:
     """Yield those in which servos, monitors and drives move."""
-    others = [each for each in machine.bridges if each.hands.places is not None]
+    others = [each for each in machine.bridges if each.hands.places is not None and each.joints]
     for node in others:
         for number, joint in enumerate(node.joints):
             yield _reach(machine, node, number, joint)

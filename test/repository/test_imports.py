@@ -76,8 +76,8 @@ BRIDGE = {
     ),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters', 'bridge_core.share'),
-    # What tools are told of the device: plain values, and where the rest is.
-    'device': ('bridge_core.device', '{bridge}.reasons'),
+    # What tools are told of the device: plain values, defaults, and where the rest is.
+    'device': ('bridge_core.device', '{bridge}.parameters', '{bridge}.reasons'),
     'reasons': ('bridge_core.reasons',),
     'decoders': (
         *('{bridge}.protocol', '{bridge}.modbus'),
