@@ -19,7 +19,7 @@ import pytest
 
 from fort_vsc_bridge.display_texts import lines_of, status_from
 from rugged_teleop.reference import with_table
-from stage.devices import DRIVE, MUX, TIMEOUTS, VSC
+from stage.devices import DRIVE, MUX, TIMEOUTS, TRIP, VSC
 from stage.rig import Observer, ROOT
 from stage.spine import DEADMAN, Spine, STICK
 
@@ -27,15 +27,16 @@ pytestmark = pytest.mark.waits(60)
 PAGE = ROOT / 'docs' / 'devices' / 'fort_vsc.md'
 PLACE = '<!-- display: written by test_remote_display.py -->', '<!-- end of display -->'
 # Nothing here is about time, so a busy machine shall not stop it.
-PARAMETERS: dict[str, dict[str, Any]] = {
-    name: {limit: min(8 * seconds, 2.0) for limit, seconds in TIMEOUTS[name].items()}
-    for name in (VSC, MUX, DRIVE)
+LIMITS = {
+    node: {name: 6.0 * limit for name, limit in TIMEOUTS[node].items()}
+    for node in (VSC, MUX, DRIVE)
 }
-PARAMETERS[VSC]['show_status'] = f'{MUX}/status'
-PARAMETERS[MUX] = {
-    name: value for name, value in PARAMETERS[MUX].items() if 'vm110' not in name
-} | {'neutral_time': 1.0}
-del PARAMETERS[MUX]['feedback.timeout']
+NOT_HERE = ('estop.vm110.timeout', 'estop.vm110.age_limit', 'feedback.timeout')
+PARAMETERS: dict[str, dict[str, Any]] = {
+    VSC: {**LIMITS[VSC], 'show_status': f'{MUX}/status'},
+    MUX: {name: limit for name, limit in LIMITS[MUX].items() if name not in NOT_HERE},
+    DRIVE: LIMITS[DRIVE],
+}
 
 
 @pytest.fixture(scope='module')
@@ -93,83 +94,59 @@ def test_stop_its_release_and_a_deadman_held_in_vain_are_told_on_the_remote(spin
     spine.vsc.apply(f'button {DEADMAN} 0')
 
 
-# What is done, from STOPPED with nothing in the way or from motion, and what ends it.
-Fault = tuple[str, str, Callable[[Spine], object], Callable[[Spine], object]]
-
-
 def nothing(spine: Spine) -> None:
     """Do nothing."""
 
 
-def ready(spine: Spine) -> None:
-    spine.ready()
-
-
-FAULTS: list[Fault] = [
+FAULTS: list[tuple[str, str, bool, Callable[[Spine], object]]] = [
+    # What happened, its code in ~/status, whether there was a reset before, and how it is done.
     (
         "the remote's e-stop is pressed",
         'fort.estop.remote',
+        False,
         lambda spine: spine.vsc.apply('estop remote on'),
-        nothing,
     ),
     (
         'the wired e-stop is pressed',
         'fort.estop.wired',
+        False,
         lambda spine: spine.vsc.apply('estop vsc on'),
-        nothing,
     ),
-    ('it is released and acknowledged', 'mux.reset.due', nothing, nothing),
+    ('it is released and acknowledged', 'mux.reset.due', False, nothing),
     (
         'a stick is held before the reset',
         'mux.operator.busy',
+        False,
         lambda spine: spine.vsc.apply(f'stick {STICK} 0.5'),
-        lambda spine: spine.let_go(),
     ),
-    ('it was reset', 'mux.operator.press', ready, nothing),
-    (
-        'it was reset, and the remote is in its menu',
-        'fort.remote.menu',
-        lambda spine: (spine.ready(), spine.vsc.apply('mode menu')),
-        nothing,
-    ),
+    ('it was reset', 'mux.operator.press', True, nothing),
     (
         'the deadman is held, and no stick is moved',
         'mux.owner.zero',
-        lambda spine: (spine.ready(), spine.vsc.apply(f'button {DEADMAN} 1')),
-        lambda spine: spine.let_go(),
+        True,
+        lambda spine: spine.vsc.apply(f'button {DEADMAN} 1'),
     ),
-    (
-        '`~/trip` is called',
-        'mux.trip.active',
-        lambda spine: (spine.ready(), spine.call(f'/{MUX}/trip')),
-        nothing,
-    ),
+    ('`~/trip` is called', 'mux.trip.active', True, lambda spine: spine.call(TRIP)),
     (
         'the motor is too hot',
         'esi.motor_temperature.a',
+        False,
         lambda spine: spine.drive.apply('fault a motor_temp on'),
-        nothing,
     ),
     (
         'the drive is silent',
         'esi.link.silent',
+        False,
         lambda spine: spine.drive.apply('mute on'),
-        lambda spine: spine.drive.apply('mute off'),
     ),
     (
         "the drive's node ends",
         'mux.source.stale',
-        lambda spine: kill(spine, DRIVE),
-        nothing,
+        False,
+        lambda spine: spine.nodes[DRIVE].end(SIGKILL),
     ),
-    ('the mux ends', '', lambda spine: kill(spine, MUX), nothing),
+    ('the mux ends', '', False, lambda spine: spine.nodes[MUX].end(SIGKILL)),
 ]
-
-
-def kill(spine: Spine, name: str) -> None:
-    process = spine.nodes[name].process
-    process.send_signal(SIGKILL)
-    process.wait()
 
 
 SEEN: dict[str, str] = {}  # rows of the page
@@ -182,22 +159,24 @@ def row(words: str, code: str, spine: Spine) -> str:
     return f'| {words} | {f"`{code}`" if code else ""} | {lines} | {own} |\n'
 
 
-@pytest.mark.parametrize('fault', FAULTS, ids=[each[0] for each in FAULTS])
-def test_fault_is_shown_as_the_page_says(spine: Spine, fault: Fault) -> None:
-    words, code, plant, end = fault
+@pytest.mark.parametrize(
+    ('words', 'code', 'is_ready', 'plant'), FAULTS, ids=[each[0] for each in FAULTS]
+)
+def test_fault_is_shown_as_the_page_says(
+    spine: Spine, words: str, code: str, is_ready: bool, plant: Callable[[Spine], object]
+) -> None:
+    if is_ready:
+        spine.ready()
     plant(spine)
-    try:
-        if code:
-            spine.wait(lambda: spine.values.get('code') == code, f'{code} in ~/status', 15.0)
+    if code:
+        spine.wait(lambda: spine.values.get('code') == code, f'{code} in ~/status', 15.0)
 
-        def is_shown() -> bool:
-            status = status_from(spine.values, f'/{VSC}/joy') if code else None
-            return sent(spine) == lines_of(status)
+    def is_shown() -> bool:
+        status = status_from(spine.values, f'/{VSC}/joy') if code else None
+        return sent(spine) == lines_of(status)
 
-        spine.wait(is_shown, 'on the display')
-        SEEN[words] = row(words, code, spine)
-    finally:
-        end(spine)
+    spine.wait(is_shown, 'on the display')
+    SEEN[words] = row(words, code, spine)
     if not os.environ.get('RUGGED_TELEOP_IMAGES'):
         assert SEEN[words] in PAGE.read_text(encoding='utf-8')
     elif len(SEEN) == len(FAULTS):
