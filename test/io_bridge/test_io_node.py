@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import os
 from pathlib import Path
@@ -162,7 +162,27 @@ def test_doctor_asks_the_box_and_decode_reads_what_it_says(tmp_path: Path) -> No
     assert 'modbus_rtu' in run('decode', str(capture))
 
 
-def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -> None:
+@contextlib.contextmanager
+def box_of(transport: str, folder: Path) -> Iterator[tuple[str, Callable[[bool], Any], Any]]:
+    """Serve a box; yield its port, what presses its e-stop, and what returns its coils."""
+    if transport == 'tcp':
+        with ModbusBox(free_port()) as box:
+            yield box.url, lambda on: box.set_inputs(0, not on, not on), lambda: box.coils
+        return
+    from io_bridge.simulator import Simulator
+
+    with PtyDevice(simulator := Simulator(), folder / 'box') as line:
+
+        def press(on: bool) -> None:
+            line.apply(f'estop {"on" if on else "off"}')
+
+        yield str(line.path), press, lambda: simulator.coils
+
+
+@pytest.mark.parametrize('transport', ['tcp', 'rtu'])
+def test_opened_contact_disables_the_drive(
+    observer: Observer, tmp_path: Path, transport: str
+) -> None:
     """It prints how long that took, for the page; IO_PRESSES is how often."""
     parameters = {
         MUX: {
@@ -172,9 +192,9 @@ def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -
         }
     }
     with (
-        ModbusBox(free_port()) as box,
+        box_of(transport, tmp_path) as (port, press, coils),
         Spine(tmp_path, observer, parameters) as spine,
-        bench(observer, transport='tcp', port=box.url) as node,
+        bench(observer, transport=transport, port=port) as node,
     ):
         spine.nodes[NAME] = node.node
         spine.operational()
@@ -182,13 +202,13 @@ def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -
         node.wait(lambda: spine.is_clear(VSC) and spine.is_clear(DRIVE), 'no stop')
         spine.moving()
         for _ in range(int(os.environ.get('IO_PRESSES', '1'))):
-            node.wait(lambda: box.coils[:3] == [False, False, True], 'green')
+            node.wait(lambda: coils()[:3] == [False, False, True], 'green')
             pressed = time.monotonic()
-            box.set_inputs(0, False, False)
+            press(True)
             reaction = spine.disabled_after(pressed, 0.15)
-            print(f'contact opens to disable: {reaction * 1e3:.1f} ms')
-            node.wait(lambda: box.coils[:4] == [True, False, False, False], 'red')
-            box.set_inputs(0, True, True)
+            print(f'contact opens to disable by {transport}: {reaction * 1e3:.1f} ms')
+            node.wait(lambda: coils()[:4] == [True, False, False, False], 'red')
+            press(False)
             node.says(False)
             spine.restart_rightly()
         del spine.nodes[NAME]
