@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import math
 import os
 from pathlib import Path
 import signal
@@ -22,6 +23,7 @@ from rugged_teleop.ptys import PtyDevice
 from stage.devices import DRIVE, MUX, VSC
 from stage.modbus_server import ModbusBox
 from stage.multicast_rig import free_port
+from stage.mux_talkers import MuxBench
 from stage.rig import latched, NodeProcess, Observer
 from stage.spine import Spine
 from stage.talkers import Talker
@@ -160,6 +162,61 @@ def test_doctor_asks_the_box_and_decode_reads_what_it_says(tmp_path: Path) -> No
     assert f'/{NAME}: ok' in found, found
     assert 'nothing comes' in silent, silent
     assert 'modbus_rtu' in run('decode', str(capture))
+
+
+def test_button_held_through_anything_resets_nothing(observer: Observer) -> None:
+    topic = f'/{NAME}/reset_button'
+    with contextlib.ExitStack() as exits:
+        box = exits.enter_context(ModbusBox(free_port()))
+        given = {**PANEL, 'transport': 'tcp', 'port': box.url}
+        nodes = [exits.enter_context(NodeProcess(f'{NAME}.node', given))]
+        mux = MuxBench(observer, reset_topic=topic)
+        exits.callback(mux.close)
+        button = observer.record(Bool, topic)
+
+        def says(pressed: bool, since: float = 0.0) -> None:
+            mux.wait(
+                lambda: [m for t, m in button.since(since) if m.data is pressed], f'{pressed}'
+            )
+
+        def restart() -> None:
+            nodes[-1].signal(signal.SIGKILL)
+            nodes[-1].process.wait(10.0)
+            nodes.append(exits.enter_context(NodeProcess(f'{NAME}.node', given)))
+
+        def freeze() -> None:
+            nodes[-1].signal(signal.SIGSTOP)
+            observer.holds_for(lambda: mux.says('STOPPED'), 0.6)
+            nodes[-1].signal(signal.SIGCONT)
+
+        def stop() -> None:
+            mux.fort_estop.message = Bool(data=True)
+            mux.wait(lambda: mux.explains('demands a stop'), 'a stop')
+            mux.fort_estop.message = Bool(data=False)
+
+        for harm in (restart, freeze, stop):
+            says(False, time.monotonic())
+            mux.wait(mux.may_reset, 'a reset would count', 20.0)
+            pressed = time.monotonic()
+            box.set_inputs(2, True)
+            says(True, pressed)
+            harm()
+            says(True, time.monotonic())
+            released = time.monotonic()
+            box.set_inputs(2, False)
+            says(False, released)
+            observer.holds_for(lambda: mux.says('STOPPED'), 0.5, harm.__name__)
+        pressed_at = -math.inf
+
+        def press() -> bool:
+            """Press it now and then, as somebody does until it works."""
+            nonlocal pressed_at
+            if time.monotonic() - pressed_at > 3.0 and mux.may_reset():
+                pressed_at = time.monotonic()
+            box.set_inputs(2, time.monotonic() < pressed_at + 0.5)
+            return mux.says('READY')
+
+        mux.wait(press, 'READY', 20.0)
 
 
 @contextlib.contextmanager
