@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 from bridge_core.decoding import StreamDecoder
 from bridge_core.device import Device, Switch
 from rugged_teleop.commission import looks
+from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import read_machine
-from rugged_teleop.commission.step import Seen, Step
+from rugged_teleop.commission.step import Record, Result, Seen, Step
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.devices import devices, protocols
 from rugged_teleop.recordings import Said
@@ -284,3 +286,23 @@ def test_nothing_is_measured_from_a_topic_to_itself() -> None:
     seen = looks.pressed('a', '', 0.5, counts=False)(heard, {'since': 1.0}, 2.0)
     assert seen is not None
     assert not seen.measured
+
+
+# A simulated machine on a busy computer
+
+
+@pytest.mark.parametrize(
+    ('result', 'waited', 'tries'),
+    [(Result.FAILED, 1.0, 3), (Result.FAILED, 0.0, 1), (Result.PASSED, 1.0, 1)],
+)
+def test_step_that_fails_while_processes_wait_is_done_again(
+    result: Result, waited: float, tries: int
+) -> None:
+    total = itertools.count(0.0, waited)
+    player = Player({}, lambda _: True, dict, {}, str, lambda: next(total))
+    done = 0
+    again = True
+    while again:
+        player.begin(Step(name='a', title='a'))
+        again, done = player.tell(Record('a', 'a', result, 'text')), done + 1
+    assert done == tries
