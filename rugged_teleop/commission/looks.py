@@ -206,6 +206,17 @@ def moving(operator: str, standstill: float) -> Look:
     return look
 
 
+def in_control(operator: str) -> Look:
+    """The operator has control."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        owner = heard.last('status', {}).get('owner')
+        has = heard.last('state') == 'ACTIVE' and owner == operator
+        return Seen(True, f'{operator} has control') if has else None
+
+    return look
+
+
 def held_still(operator: str, *, at_once: bool) -> Look:
     """
     The operator has control, and nothing is told to move for a while.
@@ -481,5 +492,5 @@ def instead(heard: History, since: float) -> str:
         each for key, each in heard.last('status', {}).items() if key.startswith('inhibit ')
     ]
     why = [each for each in inhibits if not each.startswith('stopped ')] or inhibits
-    state += f': {why[0]}' if why and state == 'STOPPED' else ''
+    state += f': {why[0]}' if why and state in ('STOPPED', 'READY') else ''
     return f'{", ".join(found) or "nothing changed"}; the mux is {state}'

@@ -138,16 +138,21 @@ def push(
     return (hold, pushed), (let_go, release)
 
 
+def taking_control(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
+    """Return how an operator takes control, at rest: of two hands, one is first; and its end."""
+    presses, releases = deadmen(machine, operator)
+    look = looks.in_control(operator)
+    control = Phase(f'{operator} in control', look, presses, person=True)
+    return (get_ready(machine, operator), control), releases
+
+
 def driving(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
     """Return how it is set in motion, and what ends that."""
-    presses, releases = deadmen(machine, operator)
+    phases, releases = taking_control(machine, operator)
     pushed, let_go = push(machine, operator)
     look = looks.moving(operator, machine.standstill)
-    phases = (
-        get_ready(machine, operator),
-        Phase('slow motion', look, (*presses, *pushed), person=True, limit=10.0),
-    )
-    return phases, (*let_go, *releases)
+    moving = Phase('slow motion', look, pushed, person=True, limit=10.0)
+    return (*phases, moving), (*let_go, *releases)
 
 
 def first_deadman(machine: Machine, operator: str) -> int:

@@ -53,11 +53,6 @@ FAULTS = {
         dead=('button right_down 0',),
         mended=(f'{VSC} button right_down 0',),
     ),
-    'soft ends by a position with the wrong sign': Fault(
-        'end.left',
-        'left turned the other way than its position says',
-        wheels=(('left', 'left', -1.0), ('right', 'left', 0.0)),
-    ),
 }
 SSC = ('stop.ssc.off', 'operator.ssc.axis.1', 'motion.ssc.deadman', 'motion.ssc.off')
 

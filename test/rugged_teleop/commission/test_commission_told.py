@@ -306,3 +306,70 @@ def test_step_that_fails_while_processes_wait_is_done_again(
         player.begin(Step(name='a', title='a'))
         again, done = player.tell(Record('a', 'a', result, 'text')), done + 1
     assert done == tries
+
+
+# Soft ends
+
+ENDS = ('joint.left.position_min', 'joint.left.position_max')
+
+
+def _with_soft_ends() -> Step:
+    machine, _ = read_machine(FILE)
+    machine.values = {**machine.values, **dict(zip(ENDS, (-2.0, 2.0), strict=True))}
+    return {step.name: step for step in steps_of(machine)}['end.left']
+
+
+@pytest.mark.parametrize(
+    ('turned', 'says'),
+    [
+        ('-229', 'stands at its soft ends'),
+        ('229', 'the other way than its position says'),
+        ('-115', '0.5 times as far'),
+    ],
+)
+def test_soft_end_is_held_against_the_eye(turned: str, says: str) -> None:
+    judge = _with_soft_ends().judge
+    assert judge is not None
+    seen = judge({'turned': turned}, {'from': 2.0, 'place': -2.0})
+    assert says in seen.text
+    assert seen.ok is ('stands' in says)
+
+
+@pytest.mark.parametrize(
+    ('places', 'ok'),
+    [
+        ((1.0, 1.9, 1.95, 1.95, 1.95), True),
+        ((1.0, 1.9, 2.5, 2.6, 2.6), False),
+        ((0.0, 0.3, 0.6, 0.9, 1.2), None),  # on its way
+        ((0.0, 0.0, 0.0, 0.0, 0.0), None),  # it stands, but at no end
+    ],
+)
+def test_joint_stands_at_its_soft_end(places: tuple[float, ...], ok: bool | None) -> None:
+    times = (1.0, 1.3, 1.6, 1.9, 2.2)
+    heard = _heard(*(('positions', at, {'left': p}) for at, p in zip(times, places, strict=True)))
+    seen = looks.at_soft_end('left', -2.0, 2.0)(heard, {'since': 1.1}, 2.2)
+    assert (seen and seen.ok) is ok
+
+
+# Speeds, and a stick without its button
+
+
+@pytest.mark.parametrize(('after', 'ok'), [(0.5, True), (1.0, None)])
+def test_speed_that_does_not_change_is_seen(after: float, ok: bool | None) -> None:
+    values = [('command', 1.0, {'left': 1.0}), ('command', 1.8, {'left': after})]
+    seen = looks.scaled(0.5)(_heard(*values), {'since': 1.1}, 1.9)
+    assert (seen and seen.ok) is ok
+
+
+@pytest.mark.parametrize(
+    ('at_once', 'told', 'ok'),
+    [(True, (0.0, 0.0), True), (True, (1.0, 0.0), False), (False, (1.0, 0.0), True)],
+)
+def test_stick_without_its_button_moves_nothing(
+    at_once: bool, told: tuple[float, float], ok: bool
+) -> None:
+    commands = [('command', at, {'left': each}) for at, each in zip((1.2, 1.8), told, strict=True)]
+    control = [('state', 1.0, 'ACTIVE'), ('status', 1.0, {'owner': 'a'})]
+    seen = looks.held_still('a', at_once=at_once)(_heard(*control, *commands), {'since': 1.1}, 2.0)
+    assert seen is not None
+    assert seen.ok is ok

@@ -30,13 +30,14 @@ CONFIG = ROOT / 'config'
 GIVEN = (CONFIG / 'demo.yaml', CONFIG / 'spine.yaml', *(CONFIG / 'recipes').glob('*.yaml'))
 MACHINES = 5  # among those files
 NOT_PLAYED = {
-    r'stop\.\w+\.source|motion\.\w+\.source': 'nobody simulates a topic of another package',
+    r'(stop|motion)\.\w+\.source': 'nobody simulates a topic of another package',
+    r'end\.joint': 'no simulated drive says where a joint is; see test_commission_told.py',
 }
 
 
 def _kinds(machine: Machine) -> set[str]:
     """Return the names of steps, with devices in the place of their nodes, sources and joints."""
-    names = {}
+    names: dict[str, str] = {}
     for node in machine.bridges:
         assert node.device is not None
         sources = [machine.short(node), node.full.strip('/').replace('/', '.')]
@@ -53,7 +54,8 @@ def _kinds(machine: Machine) -> set[str]:
 
 def test_every_kind_of_step_is_played_by_a_simulated_machine() -> None:
     played = set[str]().union(*(_kinds(read_machine(file)[0]) for file in PLAYED))
-    missing, read = {}, 0
+    missing: dict[str, str] = {}
+    read = 0
     for file in GIVEN:
         with contextlib.suppress(ValueError):  # a part of a file
             machine, _ = read_machine(file)
