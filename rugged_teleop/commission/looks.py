@@ -28,14 +28,20 @@ State = str
 END_OF = 'end of '  # of a cause: a channel
 
 
-def ready(operator: str = '') -> Look:
-    """The mux is READY. :param operator: whose deadman counts then, too."""
+def ready(operator: str = '', source: str = '') -> Look:
+    """
+    The mux is READY.
+
+    :param operator: whose deadman counts then, too. :param source: of a stop that is clear then,
+        too: READY says so only of those that always count.
+    """
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         status = heard.last('status', {})
         rested = not operator or status.get(f"condition of operator '{operator}'") == 'rested'
         is_ready = heard.last('state') == status.get('state') == 'READY'
-        return Seen(True, 'ready') if is_ready and rested else None
+        clear = not source or heard.last(f'estop {source}') is False
+        return Seen(True, 'ready') if is_ready and rested and clear else None
 
     return look
 

@@ -77,15 +77,20 @@ def data_cable(node: Node) -> tuple[Act, Act]:
     return pull, Act(words, node.full, ('plug', *ready))
 
 
-def get_ready(machine: Machine, operator: str = '') -> Phase:
-    """Return the phase to begin with. :param operator: whose deadman counts then."""
+def get_ready(machine: Machine, operator: str = '', source: str = '') -> Phase:
+    """
+    Return the phase to begin with.
+
+    :param operator: whose deadman counts then. :param source: of the stop that is clear then.
+    """
+    source = source or machine.source_at(machine.remote_of(operator) if operator else None)
     acts = [
         Act(f'Acknowledge or arm at {node.full}, if it asks for it', node.full, node.hands.ready)
         for node in machine.bridges
         if node.hands.ready
     ]
     words = 'the mux READY, with all let go'
-    look = looks.ready(operator)
+    look = looks.ready(operator, source)
     return Phase(words, look, tuple(acts), limit=8.0, resets=True, person=True)
 
 

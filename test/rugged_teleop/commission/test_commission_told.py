@@ -91,6 +91,17 @@ def test_meter_is_judged(name: str, shown: str, ok: bool) -> None:
     assert [*seen.facts.values()] == [shown]
 
 
+@pytest.mark.parametrize('name', ['stop.vm110.remote', 'operator.vm110.rest', 'chain.vm110.off'])
+def test_step_of_a_remote_that_is_stopped_does_not_begin(name: str) -> None:
+    """A stop that is there already would be taken for the one that is pressed."""
+    ready = _steps(ROOT / 'config' / 'demo.yaml')[name].phases[0].look
+    rested = {'state': 'READY', "condition of operator 'vm110'": 'rested'}
+    heard = _heard(('state', 1.0, 'READY'), ('status', 1.0, rested), ('estop vm110', 1.0, True))
+    assert ready(heard, {'since': 0.5}, 2.0) is None
+    heard.add('estop vm110', 2.0, False)
+    assert ready(heard, {'since': 0.5}, 2.1) is not None
+
+
 # Hands
 
 
