@@ -15,6 +15,7 @@ import threading
 from typing import Any
 
 from bridge_core import clock
+from bridge_core.thread_name import show_thread
 from rugged_teleop.ledger.book import Book, now
 from rugged_teleop.ledger.chain import Moment
 
@@ -52,6 +53,7 @@ class Anchor:
         self._news.set()
 
     def _run(self) -> None:
+        show_thread('ledger anchor')
         torn = ''
         while self._news.wait():
             self._news.clear()
@@ -110,6 +112,7 @@ class LedgerWriter:
         self._thread.join(timeout)
 
     def _run(self) -> None:
+        show_thread('ledger')
         while (line := self._lines.get()) is not None:
             while not self._is_written(*line):
                 if self._ended.wait(_AGAIN):
