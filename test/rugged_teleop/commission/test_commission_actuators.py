@@ -163,6 +163,8 @@ SOUND = {
     ),
     FILE: ('motion.drive.wire', 'motion.drive.mux_killed', 'motion.fort.killed'),
 }
+# Tests of their own show that these pass.
+SHOWN = {'joint.rotation', 'motion.drive.cable'}
 WARM = ('limit left -20', 'limit right 20', 'soe on')
 
 
@@ -197,6 +199,7 @@ def test_planted_fault_is_named(tried: Trial, name: str) -> None:
         (file, step)
         for file, faults in FAULTS.items()
         for step in (*(fault.step for fault in faults.values()), *SOUND[file])
+        if step not in SHOWN
     ],
     indirect=['tried'],
     ids=lambda each: each if isinstance(each, str) else each.stem,
@@ -217,7 +220,9 @@ def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int)
 @pytest.mark.waits(120.0)
 @pytest.mark.parametrize('tried', [FILE], indirect=True, ids=['machine'])
 def test_what_the_drive_does_without_us_is_a_fact(tried: Trial) -> None:
-    facts = tried.run('motion.drive.cable').facts
+    record = tried.run('motion.drive.cable')
+    assert record.result is Result.PASSED, record
+    facts = record.facts
     assert 0.3 < float(facts[f'{DRIVE}: goes on without commands (s)']) < 3.0
     assert facts[f'{DRIVE}: starts again by itself'] is False
     assert facts[f'{DRIVE}: keeps its error until it is cleared'] is False
