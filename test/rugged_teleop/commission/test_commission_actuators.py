@@ -178,7 +178,7 @@ def tried(
         yield made
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize(
     ('tried', 'name'),
     [(file, name) for file, faults in FAULTS.items() for name in faults],
@@ -192,7 +192,7 @@ def test_planted_fault_is_named(tried: Trial, name: str) -> None:
     assert fault.says in record.text
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize(
     ('tried', 'step'),
     [
@@ -209,7 +209,7 @@ def test_same_step_passes_without_fault(tried: Trial, step: str) -> None:
     assert record.result is Result.PASSED, record
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [ACTUATORS_FILE], indirect=True, ids=['machine_actuators'])
 @pytest.mark.parametrize('degrees', [-20, 20])  # see WARM
 def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int) -> None:
@@ -217,7 +217,7 @@ def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int)
     assert tried.run('joint.rotation').result is Result.PASSED
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [FILE], indirect=True, ids=['machine'])
 def test_what_the_drive_does_without_us_is_a_fact(tried: Trial) -> None:
     record = tried.run('motion.drive.cable')
