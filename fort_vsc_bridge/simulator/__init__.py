@@ -8,7 +8,6 @@ from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 from fort_vsc_bridge.simulator.can import CanSimulator
 from fort_vsc_bridge.simulator.hid import HidSimulator
 from fort_vsc_bridge.simulator.serial import build_frame, build_sentence, Simulator
-from fort_vsc_bridge.simulator.vsc import BOOT_TIME, HOST_TIMEOUT
 
 _STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 
@@ -25,14 +24,3 @@ SIMULATORS = {
         make=lambda _: HidSimulator(), help=help_text(HidSimulator.commands, **_STICKS)
     ),
 }
-
-__all__ = [
-    'BOOT_TIME',
-    'HOST_TIMEOUT',
-    'SIMULATORS',
-    'CanSimulator',
-    'HidSimulator',
-    'Simulator',
-    'build_frame',
-    'build_sentence',
-]

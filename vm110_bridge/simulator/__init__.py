@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 
 from bridge_core.options import whole_within
 from bridge_core.simulation import help_text, Simulated
-from vm110_bridge.simulator.base_unit import OUTPUT_TIMEOUT, Simulator, VRPI_PERIOD
+from vm110_bridge.simulator.base_unit import Simulator
 from vm110_bridge.simulator.packets import build_packet, build_vrpi, crc32
 
 
@@ -26,13 +26,3 @@ SIMULATORS = {
         options=_options,
     ),
 }
-
-__all__ = [
-    'OUTPUT_TIMEOUT',
-    'SIMULATORS',
-    'VRPI_PERIOD',
-    'Simulator',
-    'build_packet',
-    'build_vrpi',
-    'crc32',
-]
