@@ -149,6 +149,7 @@ class Player(Terminal):
                 'which': most,
                 'way': 'forward' if ways[most] > 0.0 else 'back',
                 'turns': f'{abs(ways[most]) / (2.0 * math.pi):.3f}',
+                'turned': f'{math.degrees(ways[most]):.2f}',
                 'degrees': f'{abs(math.degrees(ways[most])):.2f}',
             }
         if question.name == 'where':

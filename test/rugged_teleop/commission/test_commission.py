@@ -183,7 +183,12 @@ def test_step_is_done_again_and_left() -> None:
 
 @pytest.mark.parametrize(
     ('value', 'result'),
-    [(0.2, Result.PASSED), (0.3, Result.FAILED), (float('nan'), Result.FAILED)],
+    [
+        (0.2, Result.PASSED),
+        (0.3, Result.FAILED),
+        (-0.001, Result.FAILED),  # no effect comes before its cause
+        (float('nan'), Result.FAILED),
+    ],
 )
 def test_number_beyond_its_limit_fails(value: float, result: Result) -> None:
     seen = Seen(True, 'fine', (Measured('reaction', value, limit=0.25),))

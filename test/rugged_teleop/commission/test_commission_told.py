@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core.decoding import StreamDecoder
 from bridge_core.device import Device, Switch
@@ -19,6 +20,7 @@ from rugged_teleop.commission.main import read_machine
 from rugged_teleop.commission.step import Seen, Step
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.devices import devices, protocols
+from rugged_teleop.recordings import Said
 from rugged_teleop.simulate import DEVICES, parser
 from stage.rig import ROOT
 from test.rugged_teleop.commission.rig import FILE, VM110_FILE
@@ -220,3 +222,65 @@ def test_stop_is_read_from_a_packet_of_the_base_unit(said: dict[str, Any], stops
     (decoder,) = (each for _, each in protocols(StreamDecoder) if each.name == 'vm110')
     (content,) = decoder.parser().feed(build_packet('VRPI', build_vrpi(**said), 1, 7), 0.0)
     assert decoder.stops(content) is stops
+
+
+# What a time is measured from
+
+
+def _stopped_remote(*, sticks_at: float, frame: bool) -> History:
+    """Return what is heard of a stop: the drive's packet, and then that the remote says stop."""
+    heard = _heard(
+        ('joy a', 1.0, ([0.2], [1])),
+        ('joy a', sticks_at, ([0.0], [0])),
+        ('enabled', 1.0, True),
+        ('enabled', 1.35, False),
+        ('estop a', 1.0, False),
+        ('estop a', 1.4, True),
+        ('state', 1.4, 'STOPPED'),
+    )
+    for topic, data, at in (
+        ('/a/raw/received', build_packet('VRPI', build_vrpi(), 1, 7), 1.05),
+        ('/a/raw/received', build_packet('VRPI', build_vrpi(ru_state=4 * frame), 2, 7), 1.3),
+    ):
+        layout = MultiArrayLayout(dim=[MultiArrayDimension(label=f'{at}', size=len(data))])
+        message = UInt8MultiArray(layout=layout, data=data)
+        heard.add('raw', at, Said(at, topic, 'std_msgs/msg/UInt8MultiArray', message, at))
+    return heard
+
+
+@pytest.mark.parametrize(
+    ('sticks_at', 'frame', 'took', 'of_what'),
+    [
+        (1.33, True, 0.05, "the device's frame"),
+        (1.2, True, 0.15, 'its sticks at rest'),
+        (1.33, False, 0.05, "the device's last frame"),
+    ],
+)
+def test_time_counts_from_the_first_that_a_remote_says(
+    sticks_at: float, frame: bool, took: float, of_what: str
+) -> None:
+    look = looks.disabled('estop a', '/a', 0.5, remote='a')
+    seen = look(_stopped_remote(sticks_at=sticks_at, frame=frame), {'since': 1.1}, 2.0)
+    assert seen is not None
+    (measured,) = seen.measured
+    assert measured.value == pytest.approx(took)
+    assert of_what in measured.name
+
+
+def test_stop_that_came_before_its_frame_fails() -> None:
+    heard = _stopped_remote(sticks_at=1.33, frame=True)
+    heard.add('enabled', 1.5, False)
+    seen = looks.disabled('estop b', '/a', 0.5)(heard, {'since': 1.1}, 2.0)
+    assert seen is None, 'b says nothing'
+    heard.add('estop b', 1.6, True)
+    seen = looks.disabled('estop b', '', 0.5)(heard, {'since': 1.1}, 2.0)
+    assert seen is not None
+    assert not seen.measured[0].is_within
+    assert 'impossible' in seen.measured[0].text
+
+
+def test_nothing_is_measured_from_a_topic_to_itself() -> None:
+    heard = _heard(('estop a', 1.2, True))
+    seen = looks.pressed('a', '', 0.5, counts=False)(heard, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert not seen.measured
