@@ -114,6 +114,7 @@ fort.radio: Radio is weak | Come nearer
 fort.link.deaf: VSC is deaf | Press wired e-stop
 
 vm110: VM-110 fault | Call technician
+vm110.link.silent: VM-110 not heard | Check its power
 vm110.bu.stopped: VM-110 e-stop | Release it
 vm110.ru.stopped: VM-110 e-stop | Release it
 vm110.bu.blocked: VM-110 not armed | Turn on its remote
@@ -122,16 +123,19 @@ vm110.bu.missed: VM-110 missed us | Rearm its remote
 vm110.hold: VM-110 stopped too | End other stops
 
 akron: Akron fault | Call technician
+akron.link.silent: Akron not heard | Check its power
 akron.enable.off: Akron not enabled | Close its switch
 akron.motion: Akron moves itself | Stop it there
 
 esi: Drive fault | Call technician
+esi.link.silent: Drive not heard | Check its power
 esi.clear: Drive keeps errors | Mend the cause | Clear them
 esi.disobeys: Drive disobeys | Cut its power
 esi.internal_temperature: Drive is hot | Let it cool
 esi.motor_temperature: Motor is hot | Let it cool
 
 ssc: SSC fault | Call technician
+ssc.link.silent: SSC not heard | Check its power
 ssc.command: SSC says stop | Switch its remote
 
 io: Stop by I/O | Release it

@@ -11,6 +11,7 @@ from typing import Protocol
 from bridge_core.reasons import Coded
 from safety_mux.protocol import Demand, Limiter, MalformedInput
 
+_NOWHERE = (0.0, 0.0)
 _AHEAD = 1.2  # of what was commanded, so far may a joint have gone
 
 
@@ -69,8 +70,9 @@ class EndedLimiter:
         self.ends = ends
         self._names = names
         self._positions: dict[int, float] = {}
-        self._told = dict.fromkeys(ends, (0.0, 0.0))  # rad down and up, since that position
-        self._astray = dict(self._told)  # rad that it went down and up untold, while told to move
+        self._told: dict[int, tuple[float, float]] = {}  # rad down and up, since that position
+        self._before: dict[int, float] = {}  # positions before these steps; empty: at rest
+        self._astray: dict[int, tuple[float, float]] = {}  # rad down and up, untold, in motion
         self._held: dict[int, float] = {}  # the share of the last target that is left of it
 
     def hear(self, positions: Sequence[float]) -> None:
@@ -79,30 +81,32 @@ class EndedLimiter:
 
         :raises MalformedInput: one did not go where its joint was told to.
         """
-        before, self._positions = self._positions, dict(zip(self.ends, positions, strict=True))
-        strays = [n for n in before if self._strays(n, self._positions[n] - before[n])]
-        self._told = dict.fromkeys(self.ends, (0.0, 0.0))
+        self._positions = dict(zip(self.ends, positions, strict=True))
+        if self._before and not self._told:
+            return  # there was no step meanwhile
+        strays = [n for n in self._before if self._strays(n)]
+        self._before, self._told = self._positions, {}
         if strays:
-            self._astray = dict(self._told)
+            self._astray = {}
             raise MalformedInput(
                 f"position of joint '{self._names[strays[0]]}' goes where it was not told to: "
                 'check its sign and unit, and that it does not wrap'
             )
 
-    def _strays(self, n: int, moved: float) -> bool:
-        down, up = self._told[n]
-        below, above = self._astray[n] if down or up else (0.0, 0.0)  # else by hand
+    def _strays(self, n: int) -> bool:
+        moved, (down, up) = self._positions[n] - self._before[n], self._told[n]
+        below, above = self._astray.get(n, _NOWHERE)
+        self._astray[n] = _NOWHERE  # who turns it by hand moves it untold
         if down or up:
-            below = max(below - moved - _AHEAD * down, 0.0)
-            above = max(above + moved - _AHEAD * up, 0.0)
-        self._astray[n] = below, above
-        return max(below, above) > self.ends[n].slow_zone / 2.0
+            below, above = below - moved - _AHEAD * down, above + moved - _AHEAD * up
+            self._astray[n] = max(below, 0.0), max(above, 0.0)
+        return max(self._astray[n]) > self.ends[n].slow_zone / 2.0
 
     def _left(self, n: int, speed: float) -> float:
         """Return what the end leaves of a speed, by the farthest that the joint may be."""
         if n not in self._positions:
             return 0.0
-        down, up = self._told[n]
+        down, up = self._told.get(n, _NOWHERE)
         return self.ends[n].limited(speed, self._positions[n] + (up if speed > 0.0 else -down))
 
     @property
@@ -152,11 +156,12 @@ class EndedLimiter:
             speed = self._limiter.output[n]
             if speed and not self._left(n, speed):
                 self._limiter.halt(n)
-            way, (down, up) = self._limiter.output[n] * max(dt, 0.0), self._told[n]
+            way = self._limiter.output[n] * max(dt, 0.0)
+            down, up = self._told.get(n, _NOWHERE)
             self._told[n] = down + max(-way, 0.0), up + max(way, 0.0)
         return self.output
 
     def reset(self) -> None:
         """Set the output to zero at once."""
-        self._held = {}
+        self._held, self._before, self._told, self._astray = {}, {}, {}, {}
         self._limiter.reset()

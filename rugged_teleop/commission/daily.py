@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
-from rugged_teleop.commission.parts import deadmen, get_ready, stops_of
+from rugged_teleop.commission.parts import stops_of, taking_control
 from rugged_teleop.commission.step import (
     Look,
     Marks,
@@ -40,7 +40,7 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
     """Return a step for each of an operator's deadman buttons, of which all have to be held."""
     indices = machine.values[f'operator.{operator}.deadman_buttons']
     bound = float(machine.values[f'operator.{operator}.timeout'])
-    presses, releases = deadmen(machine, operator)
+    phases, releases = taking_control(machine, operator)
     return [
         Step(
             name=f'deadman.{operator}.{index}',
@@ -49,8 +49,7 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
             moves=True,
             undo=releases,
             phases=(
-                get_ready(machine, operator),
-                Phase(f'{operator} in control', _in_control(operator), presses, person=True),
+                *phases,
                 Phase(
                     'its end, and nothing that moves',
                     _let_go(operator, index, bound),
@@ -61,17 +60,6 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
         )
         for index, release in zip(indices, releases, strict=True)
     ]
-
-
-def _in_control(operator: str) -> Look:
-    """The operator has control."""
-
-    def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        owner = heard.last('status', {}).get('owner')
-        has = heard.last('state') == 'ACTIVE' and owner == operator
-        return Seen(True, f'{operator} has control') if has else None
-
-    return look
 
 
 def _let_go(operator: str, index: int, bound: float) -> Look:

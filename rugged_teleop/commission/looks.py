@@ -28,14 +28,20 @@ State = str
 END_OF = 'end of '  # of a cause: a channel
 
 
-def ready(operator: str = '') -> Look:
-    """The mux is READY. :param operator: whose deadman counts then, too."""
+def ready(operator: str = '', source: str = '') -> Look:
+    """
+    The mux is READY.
+
+    :param operator: whose deadman counts then, too. :param source: of a stop that is clear then,
+        too: READY says so only of those that always count.
+    """
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         status = heard.last('status', {})
         rested = not operator or status.get(f"condition of operator '{operator}'") == 'rested'
         is_ready = heard.last('state') == status.get('state') == 'READY'
-        return Seen(True, 'ready') if is_ready and rested else None
+        clear = not source or heard.last(f'estop {source}') is False
+        return Seen(True, 'ready') if is_ready and rested and clear else None
 
     return look
 
@@ -202,6 +208,17 @@ def moving(operator: str, standstill: float) -> Look:
         if owns and long and min(speeds) > standstill:
             return Seen(True, f'it moves, at {speeds[-1]:.2f} rad/s')
         return None
+
+    return look
+
+
+def in_control(operator: str) -> Look:
+    """The operator has control."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        owner = heard.last('status', {}).get('owner')
+        has = heard.last('state') == 'ACTIVE' and owner == operator
+        return Seen(True, f'{operator} has control') if has else None
 
     return look
 
@@ -481,5 +498,5 @@ def instead(heard: History, since: float) -> str:
         each for key, each in heard.last('status', {}).items() if key.startswith('inhibit ')
     ]
     why = [each for each in inhibits if not each.startswith('stopped ')] or inhibits
-    state += f': {why[0]}' if why and state == 'STOPPED' else ''
+    state += f': {why[0]}' if why and state in ('STOPPED', 'READY') else ''
     return f'{", ".join(found) or "nothing changed"}; the mux is {state}'

@@ -77,15 +77,20 @@ def data_cable(node: Node) -> tuple[Act, Act]:
     return pull, Act(words, node.full, ('plug', *ready))
 
 
-def get_ready(machine: Machine, operator: str = '') -> Phase:
-    """Return the phase to begin with. :param operator: whose deadman counts then."""
+def get_ready(machine: Machine, operator: str = '', source: str = '') -> Phase:
+    """
+    Return the phase to begin with.
+
+    :param operator: whose deadman counts then. :param source: of the stop that is clear then.
+    """
+    source = source or machine.source_at(machine.remote_of(operator) if operator else None)
     acts = [
         Act(f'Acknowledge or arm at {node.full}, if it asks for it', node.full, node.hands.ready)
         for node in machine.bridges
         if node.hands.ready
     ]
     words = 'the mux READY, with all let go'
-    look = looks.ready(operator)
+    look = looks.ready(operator, source)
     return Phase(words, look, tuple(acts), limit=8.0, resets=True, person=True)
 
 
@@ -138,16 +143,21 @@ def push(
     return (hold, pushed), (let_go, release)
 
 
+def taking_control(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
+    """Return how an operator takes control, at rest: of two hands, one is first; and its end."""
+    presses, releases = deadmen(machine, operator)
+    look = looks.in_control(operator)
+    control = Phase(f'{operator} in control', look, presses, person=True)
+    return (get_ready(machine, operator), control), releases
+
+
 def driving(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
     """Return how it is set in motion, and what ends that."""
-    presses, releases = deadmen(machine, operator)
+    phases, releases = taking_control(machine, operator)
     pushed, let_go = push(machine, operator)
     look = looks.moving(operator, machine.standstill)
-    phases = (
-        get_ready(machine, operator),
-        Phase('slow motion', look, (*presses, *pushed), person=True, limit=10.0),
-    )
-    return phases, (*let_go, *releases)
+    moving = Phase('slow motion', look, pushed, person=True, limit=10.0)
+    return (*phases, moving), (*let_go, *releases)
 
 
 def first_deadman(machine: Machine, operator: str) -> int:

@@ -85,7 +85,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
         stops=True,
         undo=(stop.release,),
         phases=(
-            get_ready(machine),
+            get_ready(machine, source=source),
             Phase(
                 f'e-stop source {source}, and the mux {state}', pressed, (stop.press,), person=True
             ),
@@ -98,7 +98,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
                 person=True,
                 limit=10.0,
             ),
-            *((get_ready(machine), again) if stop.always else ()),
+            *((get_ready(machine, source=source), again) if stop.always else ()),
         ),
     )
 
@@ -109,7 +109,7 @@ def _operators(machine: Machine) -> Iterator[Step]:
             name=f'operator.{operator}.rest',
             title=f'{operator}: let go of everything',
             phases=(
-                get_ready(machine),
+                get_ready(machine, operator),
                 Phase('all axes at 0, no button pressed', looks.at_rest(operator)),
             ),
         )
@@ -127,7 +127,7 @@ def _axis(machine: Machine, operator: str, axis: int) -> Step:
     lines = {s: (stick.at(s),) if stick else () for s in (-1, 0, 1)}
     sides = _sides(machine.values, operator, axis)
     let_go = Act('Let go of the stick', full, lines[0])
-    phases = [get_ready(machine)]
+    phases = [get_ready(machine, operator)]
     for sign in (1, -1):
         act = Act(f'Push the stick {sides[sign]} to its end', full, lines[sign])
         look = looks.axis_at_end(operator, axis, sign)
@@ -161,7 +161,7 @@ def _pressed_at_rest(machine: Machine, operator: str, index: int) -> Step:
         title=f'{operator}: the deadman, button {index}, pressed, held and released at rest',
         undo=(release,),
         phases=(
-            get_ready(machine),
+            get_ready(machine, operator),
             Phase('at rest', rest),
             Phase(f'button {index} pressed', pressed, (press,), person=True),
             Phase('held', looks.held(operator, index)),

@@ -14,12 +14,12 @@ from rugged_teleop.commission import looks
 from rugged_teleop.commission.machine import Machine
 from rugged_teleop.commission.parts import (
     at,
-    deadmen,
     driving,
     GENTLE,
     get_ready,
     push,
     stops_of,
+    taking_control,
     worked,
 )
 from rugged_teleop.commission.step import Act, Marks, Measured, Phase, Question, Seen, Step
@@ -122,7 +122,7 @@ def _as_fast(
 
 def _axis_button(machine: Machine, operator: str, place: int) -> Step:
     axis = machine.values[f'operator.{operator}.axis'][place]
-    presses, releases = deadmen(machine, operator)
+    phases, releases = taking_control(machine, operator)
     (hold, pushed), (let_go, release) = push(machine, operator, place)
     still = looks.held_still
     return Step(
@@ -131,11 +131,11 @@ def _axis_button(machine: Machine, operator: str, place: int) -> Step:
         moves=True,
         undo=(let_go, release, *releases),
         phases=(
-            get_ready(machine, operator),
+            *phases,
             Phase(
-                'control, and nothing that moves',
+                'nothing that moves',
                 still(operator, at_once=True),
-                (*presses, pushed),
+                (pushed,),
                 person=True,
                 limit=4.0,
             ),
@@ -154,7 +154,7 @@ def _axis_button(machine: Machine, operator: str, place: int) -> Step:
 def _soft_end(
     machine: Machine, operator: str, number: int, joint: str, least: float, most: float
 ) -> Step:
-    presses, releases = deadmen(machine, operator)
+    phases, releases = taking_control(machine, operator)
     mixed = machine.values[f'operator.{operator}.mixing'] == 'arcade'
     there, back = (
         push(machine, operator, 0 if mixed else number, share) for share in (GENTLE, -GENTLE)
@@ -166,8 +166,8 @@ def _soft_end(
         moves=True,
         undo=(*there[1], *releases),
         phases=(
-            get_ready(machine, operator),
-            Phase(f'{joint} at a soft end', look, (*presses, *there[0]), person=True, limit=30.0),
+            *phases,
+            Phase(f'{joint} at a soft end', look, there[0], person=True, limit=30.0),
             Phase(
                 'motion back',
                 looks.moving(operator, machine.standstill),

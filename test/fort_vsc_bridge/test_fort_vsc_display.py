@@ -159,10 +159,11 @@ def test_deadman_is_refused_while_it_is_held_and_gives_no_control() -> None:
 def test_deadman_that_gives_control_is_never_refused() -> None:
     bench = MuxBench()
     bench.ready()
-    bench.samples['fort'] = replace(OFF, deadman=True)
+    held = bench.samples['fort'] = replace(OFF, deadman=True)
+    bench.arbiter.operator_sample('fort', held, bench.now)  # before the tick
     for _ in range(40):
-        bench.run(0.01)
         assert not status_from(values(bench, fort=JOY), JOY).refused
+        bench.run(0.01)
     assert status_from(values(bench, fort=JOY), JOY).drives
 
 
@@ -219,6 +220,14 @@ def test_silent_mux_is_told_and_never_its_last_state() -> None:
     remote.say(STOPPED, 2.0)
     assert remote.shown == lines_of(STOPPED)
     assert remote.rumbles == 1
+
+
+def test_silence_is_told_where_nothing_else_wakes_the_session() -> None:
+    bench = SessionBench(Session(Settings(wire=CanWire(), **SHOWN)))
+    bench.open()
+    bench.session.hear_status(STOPPED, bench.now)
+    bench.wait(5.0)
+    assert bench.session.values(bench.now)['shown on the remote'].startswith(NO_NEWS[0])
 
 
 def test_mux_that_was_never_heard_is_told() -> None:

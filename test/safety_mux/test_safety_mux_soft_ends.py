@@ -163,6 +163,27 @@ def test_joint_does_not_go_far_beyond_an_end_on_positions_that_go_wrong(
     ended.hear([seen(position)])  # the next one is where it begins
 
 
+def test_positions_between_two_steps_hide_no_fault() -> None:
+    ended, position = limiter(), 0.0
+    with contextlib.suppress(MalformedInput):
+        for n in range(20 * 600):
+            ended.hear([-position])
+            if n % 20 == 0:
+                ended.step((0.0, 1.0), STEP)
+            position += ended.output[1] * STEP / 20
+            assert position < ENDS.most
+
+
+def test_joint_that_was_turned_by_hand_at_rest_is_no_fault() -> None:
+    ended = at_speed(1.0, 2.0)
+    for position in (2.0, 4.5, -1.0, 3.0):
+        ended.reset()
+        ended.hear([position])
+    for _ in range(20):
+        ended.step((0.0, 1.0), STEP)
+        ended.hear([3.0])
+
+
 @pytest.mark.parametrize('late', [0, 10])
 @settings(max_examples=20)
 @given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.integers(1, 100)), max_size=9))

@@ -19,7 +19,7 @@ from rugged_teleop.recordings import Parameters, read, Said
 from test.rugged_teleop.commission.rig import DRIVE, Fault, PATIENCE, Trial, trial
 from test.rugged_teleop.commission.test_commission_folder import HEAD, VALIDATOR
 
-pytestmark = [pytest.mark.waits(120.0)]
+pytestmark = [pytest.mark.waits(240.0)]
 VSC = '/fort_vsc_bridge'
 
 

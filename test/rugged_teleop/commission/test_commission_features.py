@@ -12,8 +12,6 @@ import pytest
 from rugged_teleop.commission.step import Result
 from test.rugged_teleop.commission.rig import Fault, FEATURES_FILE, Trial, trial
 
-pytest.importorskip('pymodbus')
-
 BOX, VSC = '/io_bridge', '/fort_vsc_bridge'
 FAULTS = {
     'e-stop of the box that is wired to another input': Fault(
@@ -55,17 +53,13 @@ FAULTS = {
         dead=('button right_down 0',),
         mended=(f'{VSC} button right_down 0',),
     ),
-    'soft ends by a position with the wrong sign': Fault(
-        'end.left',
-        'left turned the other way than its position says',
-        wheels=(('left', 'left', -1.0), ('right', 'left', 0.0)),
-    ),
 }
 SSC = ('stop.ssc.off', 'operator.ssc.axis.1', 'motion.ssc.deadman', 'motion.ssc.off')
 
 
 @pytest.fixture(scope='module')
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trial]:
+    pytest.importorskip('pymodbus')
     with trial(tmp_path_factory.mktemp('features'), FEATURES_FILE) as made:
         yield made
 
