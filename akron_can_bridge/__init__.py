@@ -3,4 +3,4 @@
 
 """Monitors of the Akron Brass 6000 series and their joysticks on CAN."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

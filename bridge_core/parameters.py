@@ -328,7 +328,7 @@ ACTUATOR_PARAMETERS = (
 DEADBAND = Parameter(
     'deadband',
     0.0,
-    'Deflection up to which an axis is 0 in ~/joy, of 1. The mux has its own for each axis.',
+    'Deflection up to which an axis is 0 in ~/joy, of 1. The mux has its own.',
     minimum=0.0,
     maximum=0.5,
 )

@@ -3,4 +3,4 @@
 
 """ESI Motion servo drives with the safety critical RS422 protocol (Stinger, Nova)."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

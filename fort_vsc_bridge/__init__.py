@@ -3,4 +3,4 @@
 
 """The FORT Vehicle Safety Controller (VSC) and its Safe Remote Control (SRC)."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

@@ -141,8 +141,8 @@ PARAMETERS = (
         section='timeouts',
     ),
     line_age_limit(
-        'socket, rfc2217: ~/estop is true while what comes may be older than this, by a question '
-        'that the VSC answers; half of it is a warning. 0: off, and its age is not known.',
+        'socket, rfc2217: ~/estop is true while what comes may be older; half of it is a '
+        'warning. 0: off.',
     ),
     Parameter(
         'transition_time',

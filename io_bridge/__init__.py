@@ -3,4 +3,4 @@
 
 """Contacts, buttons, a key switch, lights and a horn, by Modbus or on GPIO."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

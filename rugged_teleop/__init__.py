@@ -3,4 +3,4 @@
 
 """The commands around the nodes: the stack in one process, the simulated devices."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

@@ -8,7 +8,7 @@ from functools import cache
 import re
 
 from bridge_core import shared_reasons
-from bridge_core.reasons import Entry, in_a_line
+from bridge_core.reasons import Entry
 from rugged_teleop.devices import devices
 from safety_mux import reasons as mux_reasons
 
@@ -56,5 +56,5 @@ def _who(entry: Entry) -> str:
 
 
 def _steps(entry: Entry, folder: str) -> str:
-    text = in_a_line(_CODE.sub(r'`\g<0>`', step) for step in entry.steps)
+    text = '. '.join(_CODE.sub(r'`\g<0>`', step) for step in entry.steps)
     return f'{text} ([more]({folder}{entry.more}))' if entry.more else text

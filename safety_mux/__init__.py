@@ -3,4 +3,4 @@
 
 """The safety mux: it lets motion through only while every condition holds."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

@@ -3,4 +3,4 @@
 
 """The bridge of the Microbotics SSC: RC receiver as operator, servos as actuators."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

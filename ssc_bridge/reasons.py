@@ -9,7 +9,7 @@ REASONS = entries("""
 ssc.link.silent: stop, technician: SSC: nothing comes
     check the SSC's power …: no status from the SSC …
     -> Check its power
-    -> Check the cable: RX and TX swapped? Is it Primary Comm?
+    -> Check the cable, RX and TX, and that it is Primary Comm
     -> Leave its configuration menus
 ssc.link.garbled: stop, integrator: SSC: bytes come, but no frame
     check baud … bytes come, but no frame

@@ -3,4 +3,4 @@
 
 """The VisionRemote VM-110: a base unit (BU) and its remote units (RU), by UDP EG-Link."""
 
-import bridge_core  # noqa: F401 - sets what numpy heeds, before any message type
+import bridge_core  # sets what numpy heeds, before any message type

@@ -113,8 +113,8 @@ PARAMETERS = (
         section='timeouts and periods',
     ),
     line_age_limit(
-        '~/estop is true while VRPI come this much later than before, by their serial numbers; '
-        'half of it is a warning. 0: off. A delay from the start on is not seen.',
+        '~/estop is true while VRPI come this much later than before; half of it is a warning. '
+        '0: off. A delay from the start on is not seen.',
     ),
     Parameter(
         'output_period',

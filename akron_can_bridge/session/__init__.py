@@ -28,24 +28,3 @@ from akron_can_bridge.session.events import (
 from akron_can_bridge.session.resting import Resting
 from akron_can_bridge.session.session import Session
 from akron_can_bridge.session.settings import Settings
-
-__all__ = [
-    'FILTERS',
-    'Cause',
-    'DeviceChanged',
-    'Event',
-    'FaultsChanged',
-    'Handover',
-    'HandoverWanted',
-    'LimitsChanged',
-    'OutputsChanged',
-    'PausePressed',
-    'Positions',
-    'Request',
-    'Resting',
-    'Session',
-    'Settings',
-    'Sticks',
-    'Stopped',
-    'UnitChanged',
-]

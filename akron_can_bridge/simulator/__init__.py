@@ -6,9 +6,7 @@
 from argparse import ArgumentParser, ArgumentTypeError
 
 from akron_can_bridge.protocol import is_pin
-from akron_can_bridge.simulator.controls import JOYSTICK_TIMEOUT
 from akron_can_bridge.simulator.joystick import JoystickSimulator
-from akron_can_bridge.simulator.motion import PERMISSIVE_TIMEOUT
 from akron_can_bridge.simulator.twin import as_measured
 from akron_can_bridge.simulator.unit import BOOT_TIME, Simulator
 from bridge_core.options import whole_within
@@ -55,12 +53,3 @@ SIMULATORS = {
         options=_joystick_options,
     ),
 }
-
-__all__ = [
-    'BOOT_TIME',
-    'JOYSTICK_TIMEOUT',
-    'PERMISSIVE_TIMEOUT',
-    'SIMULATORS',
-    'JoystickSimulator',
-    'Simulator',
-]

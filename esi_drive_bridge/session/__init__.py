@@ -45,21 +45,5 @@ from esi_drive_bridge.session.events import (
     Stopped,
 )
 from esi_drive_bridge.session.group import Phase
-from esi_drive_bridge.session.session import CLEAR_ERRORS, FAREWELL_PACKETS, own_topic, Session
+from esi_drive_bridge.session.session import CLEAR_ERRORS, own_topic, Session
 from esi_drive_bridge.session.settings import Settings
-
-__all__ = [
-    'CLEAR_ERRORS',
-    'FAREWELL_PACKETS',
-    'AxesVerdict',
-    'EnableRefused',
-    'EnabledChanged',
-    'Event',
-    'FaultsChanged',
-    'Feedback',
-    'Phase',
-    'Session',
-    'Settings',
-    'Stopped',
-    'own_topic',
-]

@@ -29,5 +29,3 @@ SIMULATORS = {
         as_measured=as_measured,
     ),
 }
-
-__all__ = ['FAULTS', 'SIMULATORS', 'Motor', 'Simulator']

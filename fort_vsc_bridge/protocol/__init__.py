@@ -39,29 +39,7 @@ type  N    direction  payload
 ====  ===  =========  ===========================================================
 """
 
-from fort_vsc_bridge.protocol.can import decode_data
 from fort_vsc_bridge.protocol.frames import MessageType, PACKETS, Rejected
 from fort_vsc_bridge.protocol.messages import decode, Heartbeat, HostHeartbeat, Joystick, parser
-from fort_vsc_bridge.protocol.values import AutonomyMode, Axis, AXIS_NAMES, Button, Mode
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, Mode
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire, Wire
-
-__all__ = [
-    'AXIS_NAMES',
-    'PACKETS',
-    'AutonomyMode',
-    'Axis',
-    'Button',
-    'CanWire',
-    'Heartbeat',
-    'HidWire',
-    'HostHeartbeat',
-    'Joystick',
-    'MessageType',
-    'Mode',
-    'Rejected',
-    'SerialWire',
-    'Wire',
-    'decode',
-    'decode_data',
-    'parser',
-]

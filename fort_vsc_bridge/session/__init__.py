@@ -18,16 +18,3 @@ from fort_vsc_bridge.session.events import (
 )
 from fort_vsc_bridge.session.session import Session
 from fort_vsc_bridge.session.settings import DeviceSettings, Settings, wire_of
-
-__all__ = [
-    'DeviceSettings',
-    'Event',
-    'GpsSentence',
-    'ModeChanged',
-    'RemoteState',
-    'Session',
-    'Settings',
-    'Sticks',
-    'UserValue',
-    'wire_of',
-]

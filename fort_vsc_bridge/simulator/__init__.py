@@ -9,7 +9,7 @@ from fort_vsc_bridge.simulator.can import CanSimulator
 from fort_vsc_bridge.simulator.hid import HidSimulator
 from fort_vsc_bridge.simulator.serial import build_frame, build_sentence, Simulator
 from fort_vsc_bridge.simulator.twin import as_measured
-from fort_vsc_bridge.simulator.vsc import BOOT_TIME, HOST_TIMEOUT
+from fort_vsc_bridge.simulator.vsc import HOST_TIMEOUT
 
 _STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 
@@ -31,14 +31,3 @@ SIMULATORS = {
         as_measured=as_measured,
     ),
 }
-
-__all__ = [
-    'BOOT_TIME',
-    'HOST_TIMEOUT',
-    'SIMULATORS',
-    'CanSimulator',
-    'HidSimulator',
-    'Simulator',
-    'build_frame',
-    'build_sentence',
-]

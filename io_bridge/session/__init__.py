@@ -5,5 +5,3 @@
 
 from io_bridge.session.session import Panel, Session
 from io_bridge.session.settings import Settings
-
-__all__ = ['Panel', 'Session', 'Settings']

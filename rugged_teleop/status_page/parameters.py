@@ -25,8 +25,7 @@ PARAMETERS = (
     Parameter(
         'host',
         '127.0.0.1',
-        'IP address that it is served at. By default this machine alone sees the page; any other '
-        'address needs the token that is printed at the start. 0.0.0.0: all IPv4 addresses.',
+        'IP address that it is served at; any but the default needs the token. 0.0.0.0: all.',
         check=_check_address,
     ),
     Parameter(

@@ -35,7 +35,6 @@ ID   bytes    direction  payload
 ===  =======  =========  =======================================================
 """
 
-from bridge_core.framing import FrameError
 from bridge_core.packets import OVERHEAD
 from ssc_bridge.protocol.frames import BAUD, BITS_PER_BYTE, MessageType, PACKETS, POLLED, REPEATED
 from ssc_bridge.protocol.messages import (
@@ -76,48 +75,3 @@ from ssc_bridge.protocol.values import (
     TimerInput,
     UnknownFunction,
 )
-
-__all__ = [
-    'AUX_CHANNELS',
-    'BAUD',
-    'BITS_PER_BYTE',
-    'INVALID_PULSE',
-    'MAX_INPUTS',
-    'MAX_OUTPUTS',
-    'MAX_PULSE_COUNTS',
-    'MAX_PULSE_US',
-    'MEASURING',
-    'OVERHEAD',
-    'PACKETS',
-    'POLLED',
-    'PULSE_CHANNELS',
-    'REPEATED',
-    'TIME_BASES_US',
-    'AuxFunction',
-    'AuxInputs',
-    'AuxOutputs',
-    'ChannelSource',
-    'CommandState',
-    'Configuration',
-    'DigitalInput',
-    'DigitalOutput',
-    'FrameError',
-    'Lockout',
-    'Measurement',
-    'Message',
-    'MessageType',
-    'Poll',
-    'PulseAccumulator',
-    'PulseCommand',
-    'PulseInputs',
-    'PulseOutput',
-    'PulseOutputs',
-    'Selection',
-    'Source',
-    'Status',
-    'TimerInput',
-    'UnknownFunction',
-    'decode',
-    'function_of',
-    'parser',
-]

@@ -32,23 +32,3 @@ from ssc_bridge.session.polling import LOCKOUT
 from ssc_bridge.session.session import Session
 from ssc_bridge.session.settings import Settings
 from ssc_bridge.session.sticks import neutral
-
-__all__ = [
-    'LOCKOUT',
-    'RELEASE_FRAMES',
-    'AuxReading',
-    'CommandStateChanged',
-    'ConfigurationRead',
-    'Event',
-    'FailsafeBegun',
-    'OutputState',
-    'OutputsSent',
-    'PulsesIn',
-    'PulsesOut',
-    'Session',
-    'Settings',
-    'SourcesChanged',
-    'Sticks',
-    'counts_of',
-    'neutral',
-]

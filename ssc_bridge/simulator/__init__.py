@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 
 from bridge_core.simulation import help_text, Simulated
 from ssc_bridge.simulator.controller import BOOT_TIME, Simulator
-from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
+from ssc_bridge.simulator.memory import build_frame, Settings, sums
 from ssc_bridge.simulator.twin import as_measured
 
 
@@ -23,13 +23,3 @@ SIMULATORS = {
         as_measured=as_measured,
     ),
 }
-
-__all__ = [
-    'BOOT_TIME',
-    'SIMULATORS',
-    'Memory',
-    'Settings',
-    'Simulator',
-    'build_frame',
-    'sums',
-]

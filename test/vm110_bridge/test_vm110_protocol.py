@@ -12,7 +12,6 @@ import pytest
 
 from bridge_core.framing import FrameError
 from stage.rig import ROOT
-from vm110_bridge import protocol
 from vm110_bridge.protocol import (
     AcknowledgeInput,
     AcknowledgeOutput,
@@ -352,7 +351,3 @@ def test_any_datagram_raises_nothing(data: bytes, crc: Crc | None) -> None:
     assert reader.feed(data, 0.0) == []
     wrong = reader.counters.malformed + reader.counters.checksum_errors + reader.before_lock
     assert (wrong, reader.counters.bytes) == (1, len(data))
-
-
-def test_all_names_are_there() -> None:
-    assert all(hasattr(protocol, name) for name in protocol.__all__)

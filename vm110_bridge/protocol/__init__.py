@@ -37,18 +37,16 @@ VRAI  2      BU       command ID (uint16)
 ====  =====  =======  =======================================================
 """
 
-from bridge_core.framing import FrameError, Unknown
+from bridge_core.framing import Unknown
 from vm110_bridge.protocol.decoder import Input, Packet, PacketDecoder
 from vm110_bridge.protocol.frames import (
     Crc,
     Frame,
     HEAD_SIZE,
     MAX_FRAME,
-    MAX_LENGTH,
     Message,
     MIN_FRAME,
     PacketId,
-    REVISION,
 )
 from vm110_bridge.protocol.messages import (
     AcknowledgeInput,
@@ -60,7 +58,6 @@ from vm110_bridge.protocol.messages import (
     DATA_SIZE,
     decode,
     MAX_BURST_DATA,
-    MESSAGES,
     PeriodicInput,
     PeriodicOutput,
 )
@@ -77,43 +74,3 @@ from vm110_bridge.protocol.values import (
     state_name,
     SWITCH_NAMES,
 )
-
-__all__ = [
-    'AXIS_NAMES',
-    'BUTTON_NAMES',
-    'DATA_SIZE',
-    'HEAD_SIZE',
-    'MAX_BURST_DATA',
-    'MAX_FRAME',
-    'MAX_LENGTH',
-    'MAX_PERCENT',
-    'MAX_POSITION',
-    'MESSAGES',
-    'MIN_FRAME',
-    'RELAYS_CLOSED',
-    'REVISION',
-    'SWITCH_NAMES',
-    'AcknowledgeInput',
-    'AcknowledgeOutput',
-    'BuState',
-    'CommandInput',
-    'CommandOutput',
-    'Crc',
-    'Disabled',
-    'Frame',
-    'FrameError',
-    'Input',
-    'LinkStatus',
-    'Message',
-    'Packet',
-    'PacketDecoder',
-    'PacketId',
-    'PeriodicInput',
-    'PeriodicOutput',
-    'RuState',
-    'Unknown',
-    'build_frame',
-    'burst',
-    'decode',
-    'state_name',
-]

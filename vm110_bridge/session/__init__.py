@@ -21,24 +21,6 @@ from vm110_bridge.session.events import (
     Sticks,
 )
 from vm110_bridge.session.outbox import ACKNOWLEDGED, QUEUE_SIZE
-from vm110_bridge.session.serials import Arrival, SerialNumbers
+from vm110_bridge.session.serials import SerialNumbers
 from vm110_bridge.session.session import Session
 from vm110_bridge.session.settings import Settings
-
-__all__ = [
-    'ACKNOWLEDGED',
-    'QUEUE_SIZE',
-    'ArmedChanged',
-    'Arrival',
-    'Command',
-    'CommandResult',
-    'DeviceState',
-    'EncoderTurned',
-    'Event',
-    'Remote',
-    'RemoteState',
-    'SerialNumbers',
-    'Session',
-    'Settings',
-    'Sticks',
-]

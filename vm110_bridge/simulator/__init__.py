@@ -7,7 +7,7 @@ from argparse import ArgumentParser
 
 from bridge_core.options import whole_within
 from bridge_core.simulation import help_text, Simulated
-from vm110_bridge.simulator.base_unit import LOST, OUTPUT_TIMEOUT, Simulator, VRPI_PERIOD
+from vm110_bridge.simulator.base_unit import LOST, Simulator
 from vm110_bridge.simulator.packets import build_packet, build_vrpi, crc32
 from vm110_bridge.simulator.twin import as_measured
 
@@ -28,13 +28,3 @@ SIMULATORS = {
         as_measured=as_measured,
     ),
 }
-
-__all__ = [
-    'OUTPUT_TIMEOUT',
-    'SIMULATORS',
-    'VRPI_PERIOD',
-    'Simulator',
-    'build_packet',
-    'build_vrpi',
-    'crc32',
-]
