@@ -52,7 +52,7 @@ akron.foreign: stop, operator: Akron unit: a foreign joystick drives it
     another sender uses our own source_address: address …, frame …; …
     -> Let go of that joystick
     -> Allow it: allowed_joysticks
-    more devices/akron.md#is-it-a-stop
+    more devices/akron.md
 akron.forgotten: stop, technician: Akron unit: no frame went out
     no frame went out for 200 ms, so the unit forgot what was held
     -> Let go of the stick

@@ -220,5 +220,6 @@ def _device(port: LinkStatus, session: Session[Any, Any, Any], now: float) -> St
     inhibits = [text for text in session.inhibits(now) if text not in message]
     if inhibits:
         message += f'; {session.HELD}: {"; ".join(inhibits)}'
+    problems.sort(key=lambda each: -each[0])  # what is worst has its code first
     reasons = [*(text for _, text in problems), *inhibits]
     return Status(level, message, session.values(now), reasons)

@@ -17,16 +17,8 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from bridge_core.reasons import (
-    advice,
-    cause_of,
-    causes,
-    Entry,
-    from_values,
-    Severity,
-    severity_of,
-    steps_of,
-)
+from bridge_core.reasons import advice, from_values
+from rugged_teleop.reasons import catalogue, to_do
 from rugged_teleop.status_page.graph import Bridge, Found
 
 SILENT = 0.5  # s; e-stops come at 20 Hz, the state of a mux at 10 Hz
@@ -106,10 +98,9 @@ class _MuxState:
 
 
 class Model:
-    """:param catalogue: of all reasons, by code."""
+    """Begins with nothing heard."""
 
-    def __init__(self, catalogue: Mapping[str, Entry]) -> None:
-        self._catalogue = catalogue
+    def __init__(self) -> None:
         self._bridges: dict[str, _BridgeState] = {}
         self._muxes: dict[str, _MuxState] = {}
         self._ledgers: dict[str, Heard] = {}  # what recorders say of theirs
@@ -292,9 +283,9 @@ class Model:
             'name': name,
             'state': state,
             'owner': values.get('owner', 'none'),
-            'now': [self._to_do(each, state) for each in causes(held, self._catalogue)[:1]],
-            'inhibits': [self._explained(each) for each in held],
-            'warnings': [self._explained(each) for each in reasons[len(inhibits) :]],
+            'now': [first._asdict() for first in [to_do(held, state)] if first is not None],
+            'inhibits': [_explained(each) for each in held],
+            'warnings': [_explained(each) for each in reasons[len(inhibits) :]],
             'slowed': values.get('slowed', ''),
             'last_reset': values.get('last reset', ''),
             'sources': [
@@ -310,21 +301,6 @@ class Model:
             'from_button': values.get('from button to wire, at most (s)', ''),
             'joints': sorted(mux.command.value or {}),
             'autonomy': 'condition of autonomy' in values,
-        }
-
-    def _explained(self, reason: str) -> dict[str, str]:
-        todo = advice(reason, self._catalogue)
-        return {'text': reason, 'code': getattr(reason, 'code', ''), 'todo': todo}
-
-    def _to_do(self, reason: str, state: str) -> dict[str, Any]:
-        """Return what to do now: a stop that was ended still waits for its reset."""
-        steps = list(steps_of(reason, self._catalogue))
-        if state == 'STOPPED' and severity_of(reason, self._catalogue) is Severity.STOP:
-            steps += [] if any('eset' in step for step in steps) else ['Reset']
-        return {
-            'code': getattr(reason, 'code', ''),
-            'cause': cause_of(reason, self._catalogue),
-            'steps': steps,
         }
 
     def _bridge(self, name: str, state: _BridgeState, now: float) -> dict[str, Any]:
@@ -359,6 +335,11 @@ class Model:
             names += mine
             owned |= owner in mine
         return owned, names
+
+
+def _explained(reason: str) -> dict[str, str]:
+    code = getattr(reason, 'code', '')
+    return {'text': reason, 'code': code, 'todo': advice(reason, catalogue())}
 
 
 def _ledger(name: str, heard: Heard, now: float) -> dict[str, Any]:

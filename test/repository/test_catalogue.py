@@ -15,7 +15,7 @@ from rugged_teleop.messages import FOLDER, pages
 from rugged_teleop.reasons import catalogue
 from stage.rig import ROOT
 
-MOST_WORDS = 9  # of a cause, and of the first step: read at a glance
+MOST_WORDS = 9  # of a cause, and of each step: read at a glance
 WHO = {'operator', 'technician', 'integrator', 'nobody'}
 GIVES = {'Coded': 0, 'passed_on': 2}  # where in a call the code is
 
@@ -58,7 +58,7 @@ def test_entry_is_read_at_a_glance_and_is_on_a_page(code: str, entry: Entry) -> 
     assert entry.who in WHO
     assert 1 <= len(entry.steps) <= 3
     assert entry.says
-    for text in (entry.cause, entry.steps[0]):
+    for text in (entry.cause, *entry.steps):
         assert len(text.split()) <= MOST_WORDS, text
     assert not entry.more or Path(FOLDER, entry.more.partition('#')[0]).exists()
     assert any(f'`{code}`' in Path(FOLDER, page).read_text(encoding='utf-8') for page in pages())
