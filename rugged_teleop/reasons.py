@@ -36,9 +36,14 @@ def catalogue() -> Mapping[str, Entry]:
 
 
 class ToDo(NamedTuple):
-    """What to do now: the cause to act on first, and steps, three at most."""
+    """
+    What to do now: the cause to act on first, and steps, three at most.
+
+    :param node: whose device says it, as diagnostics have it; or ''.
+    """
 
     code: str
+    node: str
     cause: str
     steps: list[str]
 
@@ -59,7 +64,8 @@ def to_do(inhibits: Iterable[str], state: str) -> ToDo | None:
         is_stop = severity_of(reason, catalogue()) is Severity.STOP
         if state == 'STOPPED' and is_stop and not any('eset' in step for step in steps):
             steps = [*steps[:2], 'Reset']
-        return ToDo(getattr(reason, 'code', ''), cause_of(reason, catalogue()), steps)
+        node = getattr(reason, 'fields', {}).get('node', '')
+        return ToDo(getattr(reason, 'code', ''), node, cause_of(reason, catalogue()), steps)
     return None
 
 

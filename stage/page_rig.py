@@ -61,6 +61,7 @@ STOPPED = {
     'inhibit 2': 'waiting for reset: call ~/reset',
     'code': 'fort.estop.remote',
     'code.1': 'fort.estop.remote',
+    'code.1.node': 'fort_vsc_bridge',
     'code.2': 'mux.reset.due',
     "condition of e-stop source 'fort'": 'stop',
     "condition of operator 'fort'": 'at rest',

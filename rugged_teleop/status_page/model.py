@@ -11,13 +11,13 @@ that is gone stays on the page, silent, for that is what one wants to see of it.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from bridge_core.reasons import advice, from_values
+from bridge_core.reasons import advice, from_values, Severity, severity_of
 from rugged_teleop.reasons import catalogue, to_do
 from rugged_teleop.status_page.graph import Bridge, Found
 
@@ -250,11 +250,15 @@ class Model:
         for name, mux in self._muxes.items():
             if mux.said(now) == 'silent':
                 self._note_mux(name, ('silent', 'none'), now)
+        muxes = [self._mux(name, mux, now) for name, mux in self._muxes.items()]
+        told = {(each['code'], each['node']) for mux in muxes for each in mux['now']}
         return {
             'now': round(now, 3),
             'at': round(wall, 3),
-            'muxes': [self._mux(name, mux, now) for name, mux in self._muxes.items()],
-            'bridges': [self._bridge(name, state, now) for name, state in self._bridges.items()],
+            'muxes': muxes,
+            'bridges': [
+                self._bridge(name, state, told, now) for name, state in self._bridges.items()
+            ],
             'ledgers': [_ledger(name, each, now) for name, each in sorted(self._ledgers.items())],
             'sample': self.sample(now),
             'events': [
@@ -303,8 +307,11 @@ class Model:
             'autonomy': 'condition of autonomy' in values,
         }
 
-    def _bridge(self, name: str, state: _BridgeState, now: float) -> dict[str, Any]:
-        bridge = state.bridge
+    def _bridge(
+        self, name: str, state: _BridgeState, told: Set[tuple[str, str]], now: float
+    ) -> dict[str, Any]:
+        """:param told: codes and nodes of what to do now: it is not said again."""
+        bridge, node = state.bridge, name.lstrip('/')
         estop = state.said(now)
         joy = state.joy.fresh(now)
         owned, operated = self._operated(f'{name}/joy', now)
@@ -322,8 +329,8 @@ class Model:
             'axes': [] if joy is None else [_number(value) for value in joy[0]],
             'buttons': [] if joy is None else joy[1],
             'joints': sorted(state.speeds.value or {}),
-            'link': _shown(link),
-            'device': _shown(device),
+            'link': _shown(link, node, told),
+            'device': _shown(device, node, told),
         }
 
     def _operated(self, topic: str, now: float) -> tuple[bool, list[str]]:
@@ -374,11 +381,16 @@ def _number(value: float) -> float | None:
     return round(value, 3) if math.isfinite(value) else None
 
 
-def _shown(diagnostic: Diagnostic | None) -> dict[str, Any]:
+def _shown(diagnostic: Diagnostic | None, node: str, told: Set[tuple[str, str]]) -> dict[str, Any]:
     if diagnostic is None:
         return {'level': 3, 'message': 'no diagnostics are heard', 'values': []}
+    codes = {
+        (getattr(each, 'code', ''), node)
+        for each in from_values(diagnostic.values)
+        if severity_of(each, catalogue()) is not Severity.ECHO
+    }
     return {
         'level': diagnostic.level,
-        'message': diagnostic.message,
+        'message': '' if codes and codes <= told else diagnostic.message,
         'values': list(diagnostic.values.items()),
     }

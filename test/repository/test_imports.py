@@ -98,7 +98,7 @@ BRIDGE = {
     'services': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     # What is there, by what devices say of themselves.
     'graph': (*LOGIC, 'bridge_core.device'),
-    'model': (*LOGIC, '{bridge}.graph'),
+    'model': (*LOGIC, '{bridge}.graph', 'rugged_teleop.reasons'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
@@ -109,7 +109,7 @@ BRIDGE = {
     # Of the page alone: the installed devices.
     'node': (
         *('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
-        *('rugged_teleop.devices', 'rugged_teleop.reasons'),
+        'rugged_teleop.devices',
     ),
     'simulator': ('{bridge}.protocol', 'bridge_core', 'pymodbus'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.
@@ -130,9 +130,15 @@ SHARED = {
     'gate': ('bridge_core.reasons', 'bridge_core.watchdog'),
     'proof': (),
     'proof_topics': NODE_PART,
-    'mux_words': ('bridge_core.proof', 'bridge_core.session', 'bridge_core.watchdog'),
+    'mux_words': (
+        *('bridge_core.proof', 'bridge_core.reasons', 'bridge_core.session'),
+        'bridge_core.watchdog',
+    ),
     'mux_topics': NODE_PART,
-    'actuator': ('bridge_core.framing', 'bridge_core.mux_words', 'bridge_core.session'),
+    'actuator': (
+        *('bridge_core.framing', 'bridge_core.mux_words', 'bridge_core.reasons'),
+        'bridge_core.session',
+    ),
     'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),

@@ -260,5 +260,28 @@ def test_first_card_says_what_to_do_now_and_the_rest_is_behind_it() -> None:
     mux = page.snapshot(1.1, 1.0)['muxes'][0]
     steps = ['Release it, or bring it into reach', 'Acknowledge on the remote', 'Reset']
     cause = 'FORT remote: e-stop pressed, or out of reach'
-    assert mux['now'] == [{'code': 'fort.estop.remote', 'cause': cause, 'steps': steps}]
+    first = {'code': 'fort.estop.remote', 'node': FORT[1:], 'cause': cause, 'steps': steps}
+    assert mux['now'] == [first]
     assert [each['code'] for each in mux['inhibits']] == ['fort.estop.remote', 'mux.reset.due']
+
+
+@pytest.mark.parametrize(
+    ('node', 'codes', 'again'),
+    [
+        (FORT, {'code.1': 'fort.estop.remote'}, False),
+        (FORT, {'code.1': 'fort.estop.remote', 'code.2': 'fort.remote.off'}, False),  # its echo
+        (FORT, {'code.1': 'fort.estop.remote', 'code.2': 'fort.battery.low'}, True),
+        (UNIT, {'code.1': 'fort.estop.remote'}, True),  # of another node
+        (FORT, {}, True),
+    ],
+)
+def test_card_of_a_device_does_not_say_again_what_stands_first(
+    node: str, codes: dict[str, str], again: bool
+) -> None:
+    page = model()
+    page.status(MUX, STOPPED, 1.0)
+    page.state(MUX, 'STOPPED', 1.0)
+    page.diagnostic(f'{node[1:]}: device', Diagnostic(1, 'release it', codes), 1.0)
+    card = bridge(page.snapshot(1.1, 1.0), node)
+    assert card['device']['message'] == 'release it' * again
+    assert card['device']['level'] == 1
