@@ -60,7 +60,9 @@ class DeviceWords:
             good, words = self._waiting.pop(device)
             self._at[device] = now
             says = words.removeprefix('ok').removeprefix('; ')
-            self._say(device, says and passed_on(words, says), good=good)
+            if isinstance(words, Coded):  # the words of another node may have no code
+                says = passed_on(words, says)
+            self._say(device, says, good=good)
 
     def forget_old(self, now: float) -> None:
         """Take back the words of nodes that say nothing any more."""
