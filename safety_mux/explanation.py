@@ -38,7 +38,13 @@ def status_of(mux: Arbiter, now: float) -> Status:
         slowed=tuple(_slowed(mux, now)),
         drives_enabled=enabled,
         drives_ready=mux.drives_ready(now),
+        refused=tuple(o.name for o in mux.operators.values() if _is_refused(mux, o, now)),
     )
+
+
+def _is_refused(mux: Arbiter, operator: OperatorInput, now: float) -> bool:
+    held = operator.newest is not None and operator.newest.deadman and operator.fresh(now)
+    return held and operator is not mux.owner and not operator.pressed  # that waits for its tick
 
 
 def _inhibits(mux: Arbiter, now: float) -> list[Coded]:

@@ -152,6 +152,7 @@ class Status:
     :param slowed: what limits the speed at this moment, in words.
     :param drives_enabled: each drive says so; None: none is there that could.
     :param drives_ready: motion waits for none of them.
+    :param refused: operators who hold their deadman and have no control by it.
     """
 
     state: State
@@ -166,6 +167,7 @@ class Status:
     slowed: tuple[Coded, ...] = ()
     drives_enabled: bool | None = None
     drives_ready: bool = True
+    refused: tuple[str, ...] = ()
 
 
 class Age(NamedTuple):

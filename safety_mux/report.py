@@ -41,6 +41,7 @@ class Surroundings(NamedTuple):
     :param proofs: of nodes that may prove how old their words are.
     :param tried: what the trial of the machine says of the parameters; None: there is none.
     :param ends: which joints are near a soft end, in words.
+    :param joys: by operator, the full name of its topic.
     """
 
     unheard: str
@@ -53,6 +54,7 @@ class Surroundings(NamedTuple):
     proofs: Sequence[ProofReport] = ()
     tried: Tried | None = None
     ends: Sequence[Coded] = ()
+    joys: Mapping[str, str] = {}
 
 
 def unheard(topic: str, listeners: Iterable[str]) -> str:
@@ -83,6 +85,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     values = _fields(status)
     values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
     values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
+    values |= {f'joy of {name}': topic for name, topic in around.joys.items()}
     values |= _proven(around.proofs)
     last = status.last_transition
     values['last transition'] = (
@@ -119,6 +122,7 @@ def _fields(status: Status) -> dict[str, Any]:
         'stopped by': ', '.join(status.last_transition.causes) or 'none',
         'stops clear': status.stops_clear,
         'operators at rest': status.operators_at_rest,
+        'deadman refused': ', '.join(status.refused) or 'none',
         'trip active': status.tripped,
     }
     if status.drives_enabled is not None:

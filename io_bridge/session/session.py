@@ -196,7 +196,7 @@ class Session(BaseSession[bytes, Answer, Panel]):
             for line, speed in zip(self._settings.keys, others, strict=True)
             if self._is_on(line)
         ]
-        return Panel(reset, on[0] if len(on) == 1 else min([first, *on]))
+        return Panel(reset, on[0] if len(on) == 1 else first)
 
     def _expires_at(self) -> float:
         now = self._stepped_at
