@@ -282,14 +282,14 @@ class Model:
             for kind in ('inhibit', 'warning')
         )
         reasons = from_values(values, [*inhibits, *warnings])
-        held = reasons[: len(inhibits)]
+        held, explained = reasons[: len(inhibits)], [*_explained(reasons)]
         return {
             'name': name,
             'state': state,
             'owner': values.get('owner', 'none'),
             'now': [first._asdict() for first in [to_do(held, state)] if first is not None],
-            'inhibits': [_explained(each) for each in held],
-            'warnings': [_explained(each) for each in reasons[len(inhibits) :]],
+            'inhibits': explained[: len(inhibits)],
+            'warnings': explained[len(inhibits) :],
             'slowed': values.get('slowed', ''),
             'last_reset': values.get('last reset', ''),
             'sources': [
@@ -344,9 +344,14 @@ class Model:
         return owned, names
 
 
-def _explained(reason: str) -> dict[str, str]:
-    code = getattr(reason, 'code', '')
-    return {'text': reason, 'code': code, 'todo': advice(reason, catalogue())}
+def _explained(reasons: Iterable[str]) -> Iterator[dict[str, str]]:
+    """Yield each with what to do, once for each code."""
+    told: set[str] = set()
+    for reason in reasons:
+        code = getattr(reason, 'code', '')
+        todo = '' if code in told else advice(reason, catalogue())
+        yield {'text': reason, 'code': code, 'todo': todo}
+        told.add(code)
 
 
 def _ledger(name: str, heard: Heard, now: float) -> dict[str, Any]:

@@ -5,12 +5,14 @@
 
 import ast
 from collections.abc import Iterator
+import importlib
 from pathlib import Path
 import re
 
 import pytest
 
 from bridge_core.reasons import Entry
+from rugged_teleop.devices import devices
 from rugged_teleop.messages import FOLDER, pages
 from rugged_teleop.reasons import catalogue
 from stage.rig import ROOT
@@ -51,6 +53,15 @@ def test_every_code_that_is_given_is_in_the_catalogue_and_the_other_way_round() 
     assert unknown == []
     narrow = [p for p in patterns if not p.startswith('[')]
     assert [c for c in codes if not any(re.match(p, c) for p in narrow)] == []
+
+
+@pytest.mark.parametrize('name', devices())
+def test_sessions_return_sentences_with_a_code_alone(name: str) -> None:
+    """Mypy then finds one without; what is above, that the code is in the catalogue."""
+    session = importlib.import_module(f'{name}.session').Session
+    for method in ('stop_reasons', 'inhibits', 'problems', '_silence'):
+        returned = getattr(session, method).__annotations__['return']
+        assert re.findall('Coded|str', returned) == ['Coded'], method
 
 
 @pytest.mark.parametrize(('code', 'entry'), catalogue().items(), ids=list(catalogue()))

@@ -285,3 +285,14 @@ def test_card_of_a_device_does_not_say_again_what_stands_first(
     card = bridge(page.snapshot(1.1, 1.0), node)
     assert card['device']['message'] == 'release it' * again
     assert card['device']['level'] == 1
+
+
+def test_what_to_do_is_said_once_for_each_code() -> None:
+    page = model()
+    twice = {'inhibit 3': "operator 'fort' is stale: …", 'code.3': 'fort.estop.remote'}
+    page.status(MUX, STOPPED | twice, 1.0)
+    page.state(MUX, 'STOPPED', 1.0)
+    first, reset, again = page.snapshot(1.1, 1.0)['muxes'][0]['inhibits']
+    assert first['todo'].startswith('1 Release it')
+    assert reset['todo'] == 'Reset'
+    assert (again['code'], again['todo']) == ('fort.estop.remote', '')
