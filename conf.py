@@ -20,7 +20,7 @@ NAVIGATION = {
     'Concepts': ('docs/concepts.md', 'docs/common.md', 'docs/can.md'),
     'Devices': ('docs/devices/*.md', 'docs/sixth_device.md'),
     'Safety mux': ('docs/safety_mux.md', 'docs/mux_recipes.md', 'docs/inhibits.md'),
-    'When it does not work': ('docs/doctor.md', 'docs/messages.md'),
+    'When it does not work': ('docs/doctor.md', 'docs/faults.md', 'docs/messages.md'),
     'Tools': (
         'docs/status_page.md',
         'docs/record.md',

@@ -163,11 +163,16 @@ def causes(reasons: Iterable[str], catalogue: Mapping[str, Entry]) -> list[str]:
 
 
 def advice(reason: str, catalogue: Mapping[str, Entry]) -> str:
-    """Return the steps in a line, numbered where there are several; empty: none are known."""
-    steps = steps_of(reason, catalogue)
-    if len(steps) < 2:
-        return ''.join(steps)
-    return '. '.join(f'{n} {step}' for n, step in enumerate(steps, 1))
+    """Return the steps in a line; empty: none are known."""
+    return in_a_line(steps_of(reason, catalogue))
+
+
+def in_a_line(steps: Iterable[str]) -> str:
+    """Return steps in a line, numbered where there are several."""
+    found = list(steps)
+    if len(found) < 2:
+        return ''.join(found)
+    return '. '.join(f'{n} {step}' for n, step in enumerate(found, 1))
 
 
 def steps_of(reason: str, catalogue: Mapping[str, Entry]) -> tuple[str, ...]:

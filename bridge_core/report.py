@@ -217,8 +217,9 @@ def _device(port: LinkStatus, session: Session[Any, Any, Any], now: float) -> St
         told = passed_on(port.error, port.error, 'port.closed')
         problems = [(lv, told if text == session.CLOSED else text) for lv, text in problems]
     level, message = summarise(problems, session.summary())
-    inhibits = [text for text in session.inhibits(now) if text not in message]
-    if inhibits:
-        message += f'; {session.HELD}: {"; ".join(inhibits)}'
-    reasons = [*(text for _, text in problems), *inhibits]
+    inhibits = session.inhibits(now)
+    if unsaid := [text for text in inhibits if text not in message]:
+        message += f'; {session.HELD}: {"; ".join(unsaid)}'
+    problems.sort(key=lambda each: -each[0])  # what is worst has its code first
+    reasons = list(dict.fromkeys([*(text for _, text in problems), *inhibits]))
     return Status(level, message, session.values(now), reasons)

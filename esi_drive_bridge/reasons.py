@@ -77,7 +77,7 @@ esi.link.silent: stop, technician: ESI drive: nothing comes
 esi.link.garbled: stop, integrator: ESI drive: bytes come, but no frame
     check baud, that port is the drive, and single_axis_layout …
     -> Set baud as in HiDS
-    -> Check that port is the drive: ros2 run rugged_teleop doctor --params-file
+    -> Check that port is the drive
     -> Try the other single_axis_layout
 esi.disobeys: stop, technician: ESI drive does not obey
     cut the power of axis …, then check our pair to the drive, and who else commands it: it is

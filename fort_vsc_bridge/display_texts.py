@@ -144,6 +144,7 @@ port: Port is not open | Call technician
 port.missing: Device unplugged | Plug it in
 port.dead: Device is dead | Plug it in anew
 link: Line is damaged | Check its cable
+wire: Node restarts | Wait | Call technician
 node: Node is inactive | Call technician
 input: Input is unsound | Call technician
 gate: Drive is held | Call technician

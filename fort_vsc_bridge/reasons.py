@@ -19,7 +19,7 @@ fort.estop.any: stop, operator: FORT VSC: a stop is pressed
     release the stop at the remote, the wired input or a computer …
     -> Release the stop at the remote
     -> Acknowledge it there
-    -> Look at the VSC's LED: USB HID does not tell which
+    -> Look at the VSC's LED
 fort.estop.unknown: stop, technician: FORT VSC: a stop of unknown source
     release the stop at unknown source …
     -> Read the VSC with the maker's tool
@@ -44,7 +44,7 @@ fort.estop.held: stop, operator: FORT VSC: holds an earlier stop
     acknowledge on the remote: VSC reports e-stop: USER (this computer), not asked any more
     … not asked by this node …
     -> Acknowledge on the remote
-    -> If it comes back: do heartbeats of this node fail?
+    -> If it comes back, see whether heartbeats fail
 fort.remote.not_operational: step, operator: FORT remote: in Remote mode
     bring the remote into Operational mode: it is in Remote mode …
     -> Bring it into Operational mode
@@ -80,12 +80,12 @@ fort.link.silent: stop, technician: FORT VSC: nothing comes
     check the VSC's power and USB cable, and that port is its hidraw device: no report from the
         VSC …
     -> Check its power and its LED
-    -> Check the cable: TX and RX swapped? On CAN: candump can0
+    -> Check the cable: TX and RX swapped?
 fort.link.garbled: stop, integrator: FORT VSC: bytes come, but no frame
     check baud, and that port is the VSC …
     check that port is the hidraw device of the VSC …
     -> Set baud: RS232 has 115200 bit/s
-    -> Check that port is the VSC: ros2 run rugged_teleop doctor --params-file
+    -> Check that port is the VSC
 fort.link.no_heartbeat: stop, technician: FORT VSC: its heartbeat is off
     enable its heartbeat message, as joystick messages do come …
     compare can.heartbeat with the VSC …

@@ -29,15 +29,15 @@ io.link.silent: stop, technician: I/O box: nothing comes
     check power and cable of the box, unit, baud and 8N1: inputs were …
     check port and lines: inputs were …
     -> Check its power and its cable
-    -> Check unit, baud and 8N1; on GPIO port and lines
+    -> Check unit, baud and 8N1, or port and lines
 io.inputs.refused: stop, integrator: I/O box: it refuses to read
     check lines and unit: the box refuses to read its inputs (exception …)
     -> Correct lines and unit
-    -> Exception 1: no such function; 2: no such line; 4: it failed
+    -> Exception 2: no such line; 4: it failed
 io.outputs.refused: note, integrator: I/O box: it refuses to set outputs
     check output_lines: the box refuses to set them (exception …)
     -> Correct output_lines
-    -> Exception 1: no such function; 2: no such line; 4: it failed
+    -> Exception 2: no such line; 4: it failed
 io.key.doubled: note, technician: I/O box: the key is in two positions
     check the wires of the key switch: two positions are on; the lowest speed holds
     -> Check the wires of the key switch

@@ -117,19 +117,23 @@ def _told(values: Mapping[str, Any]) -> str:
     if not values:
         return ''
     from bridge_core.reasons import advice, from_values
-    from rugged_teleop.reasons import catalogue
+    from rugged_teleop.reasons import catalogue, to_do
 
-    owner = values.get('owner', 'none')
-    lines = [values.get('state', '?') + ('' if owner == 'none' else f': {owner} has control')]
+    owner, state = values.get('owner', 'none'), values.get('state', '?')
+    lines = [state + ('' if owner == 'none' else f': {owner} has control')]
     texts = [
         text
         for kind in ('inhibit ', 'warning ', 'slowed')
         for key, text in values.items()
         if key.startswith(kind)
     ]
-    for reason in from_values(values, texts):
-        code, to_do = getattr(reason, 'code', ''), advice(reason, catalogue())
-        lines.append(f'- {reason}' + (f'\n    -> {to_do} [{code}]' if to_do else ''))
+    reasons = from_values(values, texts)
+    held = sum(key.startswith('inhibit ') for key in values)
+    if (first := to_do(reasons[:held], state)) is not None:
+        lines.append(first.line)
+    for reason in reasons:
+        code, steps = getattr(reason, 'code', ''), advice(reason, catalogue())
+        lines.append(f'- {reason}' + (f'\n    -> {steps} [{code}]' if steps else ''))
     if 'last reset' in values:
         lines.append(f'last reset: {values["last reset"]}')
     return '\n'.join(lines)

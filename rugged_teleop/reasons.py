@@ -3,12 +3,21 @@
 
 """All that nodes of this package say, by code, for the tools and for the pages."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 import re
+from typing import NamedTuple
 
 from bridge_core import shared_reasons
-from bridge_core.reasons import Entry
+from bridge_core.reasons import (
+    cause_of,
+    causes,
+    Entry,
+    in_a_line,
+    Severity,
+    severity_of,
+    steps_of,
+)
 from rugged_teleop.devices import devices
 from safety_mux import reasons as mux_reasons
 
@@ -24,6 +33,40 @@ def catalogue() -> Mapping[str, Entry]:
     for device in devices().values():
         found |= device.reasons
     return found
+
+
+class ToDo(NamedTuple):
+    """
+    What to do now: the cause to act on first, and steps, three at most.
+
+    :param node: whose device says it, as diagnostics have it; or ''.
+    """
+
+    code: str
+    node: str
+    cause: str
+    steps: list[str]
+
+    @property
+    def line(self) -> str:
+        """Return it in a line."""
+        return f'{self.cause}. {in_a_line(self.steps)}'
+
+
+def to_do(inhibits: Iterable[str], state: str) -> ToDo | None:
+    """
+    Return what to do now; None: nothing.
+
+    :param inhibits: of a mux. :param state: its state: a stop that was ended waits for its reset.
+    """
+    for reason in causes(inhibits, catalogue())[:1]:
+        steps = [*steps_of(reason, catalogue())]
+        is_stop = severity_of(reason, catalogue()) is Severity.STOP
+        if state == 'STOPPED' and is_stop and not any('eset' in step for step in steps):
+            steps = [*steps[:2], 'Reset']
+        node = getattr(reason, 'fields', {}).get('node', '')
+        return ToDo(getattr(reason, 'code', ''), node, cause_of(reason, catalogue()), steps)
+    return None
 
 
 def markdown_table(entries: Mapping[str, Entry], head: str, folder: str = '') -> str:

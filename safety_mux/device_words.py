@@ -11,7 +11,7 @@ enable.
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from bridge_core.reasons import from_values, passed_on
+from bridge_core.reasons import Coded, from_values, passed_on
 from safety_mux.protocol import Kind
 
 _HAVE_WORDS = ('e-stop source', 'operator', 'drive')
@@ -49,7 +49,8 @@ class DeviceWords:
                 words = status.message[:_MOST].replace('~/', f'/{node}/')
                 codes = {pair.key: pair.value for pair in status.values}
                 for first in from_values(codes)[:1]:
-                    words = passed_on(first, words)
+                    if isinstance(first, Coded):
+                        words = Coded(first.code, words, **first.fields, node=node)
                 self._waiting[status.name] = status.level == _OK, words
         return bool(self._waiting)
 
@@ -59,7 +60,9 @@ class DeviceWords:
             good, words = self._waiting.pop(device)
             self._at[device] = now
             says = words.removeprefix('ok').removeprefix('; ')
-            self._say(device, says and passed_on(words, says), good=good)
+            if isinstance(words, Coded):  # the words of another node may have no code
+                says = passed_on(words, says)
+            self._say(device, says, good=good)
 
     def forget_old(self, now: float) -> None:
         """Take back the words of nodes that say nothing any more."""

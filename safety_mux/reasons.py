@@ -32,7 +32,7 @@ mux.button.held: stop, operator: The reset button is held
 mux.trip.active: step, operator: A trip is active
     a trip is active until ~/end_trip is called, or a reset succeeds
     -> Reset
-    -> If it is refused, reset again: the trip itself stops chained devices
+    -> If it is refused, reset again
 mux.trip.called: stop, nobody: The machine was tripped just now
     ~/trip was called
     -> Reset when it may move again
@@ -45,7 +45,7 @@ mux.source.silent mux.source.stale: stop, technician: The node of {source} is no
 mux.source.was_stale: stop, integrator: {source} was not heard for a moment
     e-stop source '…' was stale: …
     -> Reset
-    -> If it comes back, give computer and network less work
+    -> Give computer and network less work
 mux.input.old: stop, technician: What {name} says comes late
     … is old: what it says is up to … old, limit …: look at the network to its node
     … was old: …
@@ -96,7 +96,7 @@ mux.operator.silent mux.operator.stale: note, technician: The sticks of {operato
 mux.operator.busy: step, operator: {operator} is not at neutral
     operator '…' is not at neutral: let go of its sticks and of its deadman
     -> Let go of sticks and deadman
-    -> A stick that stays off: repair it, or raise its deadband
+    -> Repair a stick that stays off
 mux.operator.invalid: stop, integrator: The sticks of {operator} do not fit
     operator '…' is invalid: it has … axes, … are needed
     operator '…' is invalid: it has … buttons, … are needed
@@ -148,7 +148,7 @@ mux.overruled: step, operator: {owner} is losing control
     …, which did not count: …less than … after a change of owner…
     …; e-stop source '…' …
     -> Let go of everything
-    -> Clear his own stop, and rest for neutral_time or hold_time
+    -> Rest for neutral_time or hold_time
     -> Press the deadman
 mux.owner.zero: step, operator: {owner} asks for zero
     … has control and asks for zero

@@ -9,12 +9,12 @@ REASONS = entries("""
 ssc.link.silent: stop, technician: SSC: nothing comes
     check the SSC's power …: no status from the SSC …
     -> Check its power
-    -> Check the cable, RX and TX, and that it is Primary Comm
+    -> Check the cable: Primary Comm, RX and TX
     -> Leave its configuration menus
 ssc.link.garbled: stop, integrator: SSC: bytes come, but no frame
     check baud … bytes come, but no frame
     -> Set baud: an SSC has 115200
-    -> Check that port is the SSC: ros2 run rugged_teleop doctor --params-file
+    -> Check that port is the SSC
     -> Leave its configuration menus
 ssc.link.byte_count: stop, integrator: SSC: its firmware counts other bytes
     update the firmware of the SSC, or report it with a capture: …

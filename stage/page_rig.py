@@ -18,7 +18,6 @@ import aiohttp
 
 from bridge_core import clock
 from rugged_teleop.devices import devices
-from rugged_teleop.reasons import catalogue
 from rugged_teleop.status_page.access import Access
 from rugged_teleop.status_page.graph import find
 from rugged_teleop.status_page.model import Diagnostic, Model
@@ -62,6 +61,7 @@ STOPPED = {
     'inhibit 2': 'waiting for reset: call ~/reset',
     'code': 'fort.estop.remote',
     'code.1': 'fort.estop.remote',
+    'code.1.node': 'fort_vsc_bridge',
     'code.2': 'mux.reset.due',
     "condition of e-stop source 'fort'": 'stop',
     "condition of operator 'fort'": 'at rest',
@@ -92,7 +92,7 @@ ACTIVE = {
 
 def model() -> Model:
     """Return a model of the machine in TOPICS, of which nothing was heard."""
-    result = Model(catalogue())
+    result = Model()
     result.found(find(TOPICS, devices().values()))
     result.operators(MUX, {'fort': f'{FORT}/joy', 'vm110': f'{UNIT}/joy'})
     result.listeners(MUX, [DRIVE, MONITOR])
@@ -230,3 +230,37 @@ async def watch(
             raise AssertionError(f'the page left with {stream.close_code}')
 
     return await asyncio.wait_for(look(), timeout * TIMEOUT_FACTOR)
+
+
+class Viewer(threading.Thread):
+    """Somebody who looks at a page: the newest snapshot is ``snapshot``."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(daemon=True)
+        self.snapshot: dict[str, Any] = {}
+        self._address = address
+        self._leaving = False
+        self.start()
+
+    def run(self) -> None:
+        asyncio.run(self._look())
+
+    async def _look(self) -> None:
+        def keep(snapshot: dict[str, Any]) -> bool:
+            self.snapshot = snapshot
+            return self._leaving
+
+        async with aiohttp.ClientSession() as session:
+            await watch(session, self._address, keep, timeout=300.0)
+
+    def leave(self) -> None:
+        self._leaving = True
+        self.join(10.0)
+
+    @property
+    def mux(self) -> dict[str, Any]:
+        return next(iter(self.snapshot.get('muxes', ())), {'state': 'none'})
+
+    def bridge(self, name: str) -> dict[str, Any]:
+        found = [each for each in self.snapshot.get('bridges', ()) if each['name'] == name]
+        return found[0] if found else {'estop': 'none'}

@@ -29,11 +29,11 @@ vm110.bu.external: stop, technician: VM-110: an external link is open
 vm110.bu.missed: stop, operator: VM-110: this node was not heard
     rearm the remote; if it comes back …
     -> Rearm the remote
-    -> If it comes back, check the EC-Link and EG-Link cables
+    -> Check the EC-Link and EG-Link cables
 vm110.ru.stopped: stop, operator: VM-110 remote: has stopped
     release the remote's stop switch, then rearm: the armed remote has stopped …
     -> Release its stop switch
-    -> Rearm it; free fall, shock and fatal errors stop it, too
+    -> Rearm it
 vm110.state.unknown: stop, integrator: VM-110: a state that the manual does not know
     check which version of the manual the system follows: RU state is …
     -> Compare the version of the manual

@@ -264,6 +264,9 @@ doubled publishers: do, graph
 nobody publishes: do, graph
     {topic}: nobody publishes it, and {nodes} needs it
     -> start its node, or correct the topic
+still: look, graph
+    {name}: it does not move: {text}
+    -> as it says
 inhibit: look, graph
     {name}: {text}
     -> as it says, to have the machine move

@@ -21,12 +21,13 @@ import sys
 from typing import Any
 
 from bridge_core import clock
-from bridge_core.reasons import Coded, from_values
+from bridge_core.reasons import Coded, from_values, in_a_line
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
 from rugged_teleop.devices import devices
 from rugged_teleop.doctor.configuration import MUX
 from rugged_teleop.doctor.findings import Finding, finding, passed
+from rugged_teleop.reasons import to_do
 from rugged_teleop.reference import NODES
 
 UNSEEN = ('no nodes live', 'node not live')  # kinds of findings: a node may be elsewhere
@@ -76,6 +77,7 @@ class Said:
     The last diagnostic of one name.
 
     :param inhibits: of a mux, why nothing moves. :param code: of what a device says first.
+    :param state: of a mux.
     """
 
     name: str
@@ -83,13 +85,15 @@ class Said:
     text: str
     inhibits: tuple[str, ...] = ()
     code: str = ''
+    state: str = ''
 
     @classmethod
     def of(cls, name: str, level: int, text: str, values: Mapping[str, str]) -> Said:
         """Return what a diagnostic says."""
         inhibits = [words for key, words in values.items() if key.startswith('inhibit ')]
         reasons = from_values(values, inhibits)[: len(inhibits)]
-        return cls(name, level, text, tuple(reasons), values.get('code', ''))
+        code, state = values.get('code', ''), values.get('state', '')
+        return cls(name, level, text, tuple(reasons), code, state)
 
 
 @dataclass(frozen=True)
@@ -145,10 +149,20 @@ def refused_files(files: Iterable[str]) -> Iterator[Finding]:
 
 def look(seconds: float) -> Graph:
     """Join the graph for a while; nothing is published."""
+    from rugged_teleop.asker import Visitor
+
+    with Visitor(f'{_NODE}_{os.getpid()}') as visitor:
+        graph = listen(visitor.node)
+        end = clock.now() + seconds
+        while clock.now() < end:
+            visitor.spin_once(_WAIT)
+        return graph()
+
+
+def listen(node: Any) -> Callable[[], Graph]:
+    """Have a node listen; return what returns what was seen and heard until then."""
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.qos import QoSProfile, ReliabilityPolicy
-
-    from rugged_teleop.asker import Visitor
 
     said: dict[str, Said] = {}
 
@@ -157,14 +171,10 @@ def look(seconds: float) -> Graph:
             values = {pair.key: pair.value for pair in status.values}
             said[status.name] = Said.of(status.name, ord(status.level), status.message, values)
 
-    with Visitor(f'{_NODE}_{os.getpid()}') as visitor:
-        # Best effort: nobody ever waits for this reader.
-        qos = QoSProfile(depth=_DIAGNOSTICS_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        visitor.node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos)
-        end = clock.now() + seconds
-        while clock.now() < end:
-            visitor.spin_once(_WAIT)
-        return Graph(tuple(_endpoints(visitor.node)), tuple(said.values()))
+    # Best effort: nobody ever waits for this reader.
+    qos = QoSProfile(depth=_DIAGNOSTICS_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos)
+    return lambda: Graph(tuple(_endpoints(node)), tuple(said.values()))
 
 
 def _endpoints(node: Any) -> Iterator[Endpoint]:
@@ -246,6 +256,11 @@ def _has_sources(graph: Graph, mux: str) -> bool:
 
 def _said_findings(said: Said, has_sources: bool) -> Iterator[Finding]:
     if said.inhibits:
+        first = to_do(said.inhibits, said.state)
+        assert first is not None
+        steps = in_a_line(first.steps)
+        still = finding('still', name=said.name, text=first.cause)
+        yield replace(still, remedy=steps, code=first.code)
         for text in said.inhibits:
             if has_sources and text.endswith(_START):
                 quiet = finding('source quiet', name=said.name, text=text.removesuffix(_START))

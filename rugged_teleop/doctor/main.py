@@ -178,10 +178,10 @@ def _unheard(
 
 
 def _as_list(findings: Sequence[Finding], probed: bool) -> str:
-    """Return the list, what is to be done last, where it is seen first."""
-    lines = []
+    """Return the list: why it does not move first; what is to be done last, near the prompt."""
+    lines = [f'{each.text}. {each.remedy}' for each in findings if each.kind == 'still']
     for level, heading in HEADINGS.items():
-        found = [each for each in findings if each.level is level]
+        found = [each for each in findings if each.level is level and each.kind != 'still']
         lines += [f'{heading}: {len(found) or "nothing"}']
         for each in dict.fromkeys(found):
             lines.append(f'  {each.area:10}  {each.text}')

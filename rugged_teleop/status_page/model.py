@@ -11,22 +11,14 @@ that is gone stays on the page, silent, for that is what one wants to see of it.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from bridge_core.reasons import (
-    advice,
-    cause_of,
-    causes,
-    Entry,
-    from_values,
-    Severity,
-    severity_of,
-    steps_of,
-)
+from bridge_core.reasons import advice, from_values, Severity, severity_of
+from rugged_teleop.reasons import catalogue, to_do
 from rugged_teleop.status_page.graph import Bridge, Found
 
 SILENT = 0.5  # s; e-stops come at 20 Hz, the state of a mux at 10 Hz
@@ -106,10 +98,9 @@ class _MuxState:
 
 
 class Model:
-    """:param catalogue: of all reasons, by code."""
+    """Begins with nothing heard."""
 
-    def __init__(self, catalogue: Mapping[str, Entry]) -> None:
-        self._catalogue = catalogue
+    def __init__(self) -> None:
         self._bridges: dict[str, _BridgeState] = {}
         self._muxes: dict[str, _MuxState] = {}
         self._ledgers: dict[str, Heard] = {}  # what recorders say of theirs
@@ -259,11 +250,15 @@ class Model:
         for name, mux in self._muxes.items():
             if mux.said(now) == 'silent':
                 self._note_mux(name, ('silent', 'none'), now)
+        muxes = [self._mux(name, mux, now) for name, mux in self._muxes.items()]
+        told = {(each['code'], each['node']) for mux in muxes for each in mux['now']}
         return {
             'now': round(now, 3),
             'at': round(wall, 3),
-            'muxes': [self._mux(name, mux, now) for name, mux in self._muxes.items()],
-            'bridges': [self._bridge(name, state, now) for name, state in self._bridges.items()],
+            'muxes': muxes,
+            'bridges': [
+                self._bridge(name, state, told, now) for name, state in self._bridges.items()
+            ],
             'ledgers': [_ledger(name, each, now) for name, each in sorted(self._ledgers.items())],
             'sample': self.sample(now),
             'events': [
@@ -287,14 +282,14 @@ class Model:
             for kind in ('inhibit', 'warning')
         )
         reasons = from_values(values, [*inhibits, *warnings])
-        held = reasons[: len(inhibits)]
+        held, explained = reasons[: len(inhibits)], [*_explained(reasons)]
         return {
             'name': name,
             'state': state,
             'owner': values.get('owner', 'none'),
-            'now': [self._to_do(each, state) for each in causes(held, self._catalogue)[:1]],
-            'inhibits': [self._explained(each) for each in held],
-            'warnings': [self._explained(each) for each in reasons[len(inhibits) :]],
+            'now': [first._asdict() for first in [to_do(held, state)] if first is not None],
+            'inhibits': explained[: len(inhibits)],
+            'warnings': explained[len(inhibits) :],
             'slowed': values.get('slowed', ''),
             'last_reset': values.get('last reset', ''),
             'sources': [
@@ -312,23 +307,11 @@ class Model:
             'autonomy': 'condition of autonomy' in values,
         }
 
-    def _explained(self, reason: str) -> dict[str, str]:
-        todo = advice(reason, self._catalogue)
-        return {'text': reason, 'code': getattr(reason, 'code', ''), 'todo': todo}
-
-    def _to_do(self, reason: str, state: str) -> dict[str, Any]:
-        """Return what to do now: a stop that was ended still waits for its reset."""
-        steps = list(steps_of(reason, self._catalogue))
-        if state == 'STOPPED' and severity_of(reason, self._catalogue) is Severity.STOP:
-            steps += [] if any('eset' in step for step in steps) else ['Reset']
-        return {
-            'code': getattr(reason, 'code', ''),
-            'cause': cause_of(reason, self._catalogue),
-            'steps': steps,
-        }
-
-    def _bridge(self, name: str, state: _BridgeState, now: float) -> dict[str, Any]:
-        bridge = state.bridge
+    def _bridge(
+        self, name: str, state: _BridgeState, told: Set[tuple[str, str]], now: float
+    ) -> dict[str, Any]:
+        """:param told: codes and nodes of what to do now: it is not said again."""
+        bridge, node = state.bridge, name.lstrip('/')
         estop = state.said(now)
         joy = state.joy.fresh(now)
         owned, operated = self._operated(f'{name}/joy', now)
@@ -346,8 +329,8 @@ class Model:
             'axes': [] if joy is None else [_number(value) for value in joy[0]],
             'buttons': [] if joy is None else joy[1],
             'joints': sorted(state.speeds.value or {}),
-            'link': _shown(link),
-            'device': _shown(device),
+            'link': _shown(link, node, told),
+            'device': _shown(device, node, told),
         }
 
     def _operated(self, topic: str, now: float) -> tuple[bool, list[str]]:
@@ -359,6 +342,16 @@ class Model:
             names += mine
             owned |= owner in mine
         return owned, names
+
+
+def _explained(reasons: Iterable[str]) -> Iterator[dict[str, str]]:
+    """Yield each with what to do, once for each code."""
+    told: set[str] = set()
+    for reason in reasons:
+        code = getattr(reason, 'code', '')
+        todo = '' if code in told else advice(reason, catalogue())
+        yield {'text': reason, 'code': code, 'todo': todo}
+        told.add(code)
 
 
 def _ledger(name: str, heard: Heard, now: float) -> dict[str, Any]:
@@ -393,11 +386,16 @@ def _number(value: float) -> float | None:
     return round(value, 3) if math.isfinite(value) else None
 
 
-def _shown(diagnostic: Diagnostic | None) -> dict[str, Any]:
+def _shown(diagnostic: Diagnostic | None, node: str, told: Set[tuple[str, str]]) -> dict[str, Any]:
     if diagnostic is None:
         return {'level': 3, 'message': 'no diagnostics are heard', 'values': []}
+    codes = {
+        (getattr(each, 'code', ''), node)
+        for each in from_values(diagnostic.values)
+        if severity_of(each, catalogue()) is not Severity.ECHO
+    }
     return {
         'level': diagnostic.level,
-        'message': diagnostic.message,
+        'message': '' if codes and codes <= told else diagnostic.message,
         'values': list(diagnostic.values.items()),
     }

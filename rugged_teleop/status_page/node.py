@@ -37,7 +37,6 @@ from bridge_core.parameters import full_topic, MANAGED_PARAMETERS, names_of, Par
 from bridge_core.polled import Polled
 from bridge_core.runner import run
 from rugged_teleop.devices import devices
-from rugged_teleop.reasons import catalogue
 from rugged_teleop.status_page.access import Access, recordings
 from rugged_teleop.status_page.graph import find, Mux
 from rugged_teleop.status_page.model import Diagnostic, Model
@@ -72,7 +71,7 @@ class StatusPage(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('status_page', **options)
-        self._model = Model(catalogue())  # of the lane's thread
+        self._model = Model()  # of the lane's thread
         self._known: set[str] = set()
         self._callers: dict[str, Any] = {}  # by the name of their service
         self._asked: dict[str, float] = {}  # when a mux was asked for its operators

@@ -142,16 +142,16 @@ def _of_stop(
     caused = [event for event in changes if -_SLOW <= event.at - moment <= _TOGETHER]
     texts = [_with_cause(mux, event.text, moment, told) for event in caused]
     yield f'{time_in_words(moment)}: {texts[0] if texts else mux.name + " stopped"}'
+    later = [(at, values) for at, values in mux.statuses if moment - _SLOW <= at <= until]
+    yield from _cause(values for at, values in later if at <= moment + _TOGETHER)
     for text in texts[1:]:
         yield f'  then {text}'
     for values in _last(mux, (caused[0].at if caused else moment) - 1e-6):
         owner = values.get('owner', 'none')
         control = 'nobody had control' if owner == 'none' else f"'{owner}' had control"
         yield f'  before it: {values.get("state")}, {control}'
-    later = [(at, values) for at, values in mux.statuses if moment - _SLOW <= at <= until]
     for values in [each for _, each in later if each.get('stopped by', 'none') != 'none'][:1]:
         yield f'  who asked: {values["stopped by"]}'
-    yield from _cause(values for at, values in later if at <= moment + _TOGETHER)
     for values in [each for at, each in later if not caused or at >= caused[0].at][:1]:
         yield f'  heard last: {_heard_last(values)}'
     for event in told:

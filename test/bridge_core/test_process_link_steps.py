@@ -247,8 +247,9 @@ def test_trouble_is_reported_at_once_and_each_second(bench: LinkBench) -> None:
         'wire restarts': 0,
         'last wire': 'ended with 0',
     }
-    assert report.link == Status(Level.ERROR, text, processes)
-    assert report.device == Status(Level.ERROR, text, {})
+    assert report.link == Status(Level.ERROR, text, processes, [text])  # type: ignore[list-item]
+    assert report.device == report.link._replace(values={})
+    assert [each.code for each in report.link.reasons] == ['wire.down']
     bench.step_until(bench.now + 2.5)
     assert bench.owner.reports == [report] * 4
 

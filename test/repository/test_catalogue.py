@@ -5,17 +5,19 @@
 
 import ast
 from collections.abc import Iterator
+import importlib
 from pathlib import Path
 import re
 
 import pytest
 
 from bridge_core.reasons import Entry
+from rugged_teleop.devices import devices
 from rugged_teleop.messages import FOLDER, pages
 from rugged_teleop.reasons import catalogue
 from stage.rig import ROOT
 
-MOST_WORDS = 9  # of a cause, and of the first step: read at a glance
+MOST_WORDS = 9  # of a cause, and of each step: read at a glance
 WHO = {'operator', 'technician', 'integrator', 'nobody'}
 GIVES = {'Coded': 0, 'passed_on': 2}  # where in a call the code is
 
@@ -53,12 +55,21 @@ def test_every_code_that_is_given_is_in_the_catalogue_and_the_other_way_round() 
     assert [c for c in codes if not any(re.match(p, c) for p in narrow)] == []
 
 
+@pytest.mark.parametrize('name', devices())
+def test_sessions_return_sentences_with_a_code_alone(name: str) -> None:
+    """Mypy then finds one without; what is above, that the code is in the catalogue."""
+    session = importlib.import_module(f'{name}.session').Session
+    for method in ('stop_reasons', 'inhibits', 'problems', '_silence'):
+        returned = getattr(session, method).__annotations__['return']
+        assert re.findall('Coded|str', returned) == ['Coded'], method
+
+
 @pytest.mark.parametrize(('code', 'entry'), catalogue().items(), ids=list(catalogue()))
 def test_entry_is_read_at_a_glance_and_is_on_a_page(code: str, entry: Entry) -> None:
     assert entry.who in WHO
     assert 1 <= len(entry.steps) <= 3
     assert entry.says
-    for text in (entry.cause, entry.steps[0]):
+    for text in (entry.cause, *entry.steps):
         assert len(text.split()) <= MOST_WORDS, text
     assert not entry.more or Path(FOLDER, entry.more.partition('#')[0]).exists()
     assert any(f'`{code}`' in Path(FOLDER, page).read_text(encoding='utf-8') for page in pages())

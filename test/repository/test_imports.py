@@ -98,7 +98,7 @@ BRIDGE = {
     'services': ('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
     # What is there, by what devices say of themselves.
     'graph': (*LOGIC, 'bridge_core.device'),
-    'model': (*LOGIC, '{bridge}.graph'),
+    'model': (*LOGIC, '{bridge}.graph', 'rugged_teleop.reasons'),
     # What browsers are served by.
     'server': ('{bridge}', 'bridge_core.clock', 'aiohttp', 'STDLIB'),
     # What runs without the node, where there may be no ROS.
@@ -109,7 +109,7 @@ BRIDGE = {
     # Of the page alone: the installed devices.
     'node': (
         *('{bridge}', 'bridge_core', 'rclpy', 'MESSAGES', 'STDLIB'),
-        *('rugged_teleop.devices', 'rugged_teleop.reasons'),
+        'rugged_teleop.devices',
     ),
     'simulator': ('{bridge}.protocol', 'bridge_core', 'pymodbus'),
     # A device's configuration and the dialogue with its menus: pure. Only the command has a port.

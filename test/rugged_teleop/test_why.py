@@ -129,7 +129,9 @@ def test_story_names_the_cause_by_its_code() -> None:
             for ms, values in ((1, early), (500, late))
         ),
     ]
-    (line,) = (line for line in story(messages) if line.startswith('  cause: '))
+    lines = list(story(messages))
+    (line,) = (line for line in lines if line.startswith('  cause: '))
+    assert not lines[lines.index(line) - 1].startswith(' ')  # it stands below the headline
     assert line.startswith('  cause: FORT remote: e-stop pressed, or out of reach')
     assert '[fort.estop.remote]: 1 Release it' in line
 

@@ -3,11 +3,13 @@
 
 """What nodes say of their devices: to whom it is passed on, and for how long it is believed."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from bridge_core.reasons import Coded
 from safety_mux.device_words import DeviceWords
 
 OK, WARN = b'\0', b'\1'
@@ -30,9 +32,16 @@ class Bench:
             self.device.listen(kind, name, topic)  # type: ignore[arg-type]
 
     def say(
-        self, message: str, level: bytes = OK, node: str = 'x/remote', now: float = 1.0
+        self,
+        message: str,
+        level: bytes = OK,
+        node: str = 'x/remote',
+        now: float = 1.0,
+        values: Sequence[Any] = (),
     ) -> Any:
-        status = SimpleNamespace(name=f'{node}: device', level=level, message=message, values=())
+        status = SimpleNamespace(
+            name=f'{node}: device', level=level, message=message, values=values
+        )
         waits = self.device.hear_diagnostics([status])
         self.device.pass_on(now)
         return waits
@@ -59,6 +68,15 @@ def test_words_go_to_the_inputs_of_their_node(
     assert bench.say(message, level)
     operator = of_source if of_operator is None else of_operator
     assert bench.words == {SOURCE: of_source, OPERATOR: operator}
+
+
+def test_words_keep_their_code_and_node_and_words_without_one_get_none(bench: Bench) -> None:
+    bench.say('ok; in a menu', values=[SimpleNamespace(key='code.1', value='x.menu')])
+    words = bench.words[OPERATOR]
+    assert isinstance(words, Coded)
+    assert (words.code, words.fields) == ('x.menu', {'node': 'x/remote'})
+    bench.say('ok; of a foreign node', now=2.0)
+    assert not isinstance(bench.words[OPERATOR], Coded)  # or the mux would pass on no code
 
 
 def test_words_of_others_are_nobodys(bench: Bench) -> None:

@@ -128,6 +128,7 @@ def test_what_nodes_say_is_repeated() -> None:
         ('node says error', 'a: device: check cable'),
         ('node warns', 'b: device: charge the remote'),
         ('node says error', 'd: device: stale'),
+        ('still', 'safety_mux: it does not move: release the stop'),
         ('inhibit', 'safety_mux: release the stop'),
         ('inhibit', 'safety_mux: call ~/reset'),
     ]

@@ -260,5 +260,39 @@ def test_first_card_says_what_to_do_now_and_the_rest_is_behind_it() -> None:
     mux = page.snapshot(1.1, 1.0)['muxes'][0]
     steps = ['Release it, or bring it into reach', 'Acknowledge on the remote', 'Reset']
     cause = 'FORT remote: e-stop pressed, or out of reach'
-    assert mux['now'] == [{'code': 'fort.estop.remote', 'cause': cause, 'steps': steps}]
+    first = {'code': 'fort.estop.remote', 'node': FORT[1:], 'cause': cause, 'steps': steps}
+    assert mux['now'] == [first]
     assert [each['code'] for each in mux['inhibits']] == ['fort.estop.remote', 'mux.reset.due']
+
+
+@pytest.mark.parametrize(
+    ('node', 'codes', 'again'),
+    [
+        (FORT, {'code.1': 'fort.estop.remote'}, False),
+        (FORT, {'code.1': 'fort.estop.remote', 'code.2': 'fort.remote.off'}, False),  # its echo
+        (FORT, {'code.1': 'fort.estop.remote', 'code.2': 'fort.battery.low'}, True),
+        (UNIT, {'code.1': 'fort.estop.remote'}, True),  # of another node
+        (FORT, {}, True),
+    ],
+)
+def test_card_of_a_device_does_not_say_again_what_stands_first(
+    node: str, codes: dict[str, str], again: bool
+) -> None:
+    page = model()
+    page.status(MUX, STOPPED, 1.0)
+    page.state(MUX, 'STOPPED', 1.0)
+    page.diagnostic(f'{node[1:]}: device', Diagnostic(1, 'release it', codes), 1.0)
+    card = bridge(page.snapshot(1.1, 1.0), node)
+    assert card['device']['message'] == 'release it' * again
+    assert card['device']['level'] == 1
+
+
+def test_what_to_do_is_said_once_for_each_code() -> None:
+    page = model()
+    twice = {'inhibit 3': "operator 'fort' is stale: …", 'code.3': 'fort.estop.remote'}
+    page.status(MUX, STOPPED | twice, 1.0)
+    page.state(MUX, 'STOPPED', 1.0)
+    first, reset, again = page.snapshot(1.1, 1.0)['muxes'][0]['inhibits']
+    assert first['todo'].startswith('1 Release it')
+    assert reset['todo'] == 'Reset'
+    assert (again['code'], again['todo']) == ('fort.estop.remote', '')

@@ -9,7 +9,6 @@ import asyncio
 from collections.abc import Iterator
 import re
 import socket
-import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,43 +19,9 @@ from std_msgs.msg import Bool
 
 from rugged_teleop.status_page.node import StatusPage
 from stage.mux_talkers import MuxBench, sticks
-from stage.page_rig import watch
+from stage.page_rig import Viewer
 from stage.rig import latched, NodeProcess, Observer, own_domain, run_python
 from stage.talkers import Talker
-
-
-class Viewer(threading.Thread):
-    """Somebody who looks at a page: the newest snapshot is ``snapshot``."""
-
-    def __init__(self, address: str) -> None:
-        super().__init__(daemon=True)
-        self.snapshot: dict[str, Any] = {}
-        self._address = address
-        self._leaving = False
-        self.start()
-
-    def run(self) -> None:
-        asyncio.run(self._look())
-
-    async def _look(self) -> None:
-        def keep(snapshot: dict[str, Any]) -> bool:
-            self.snapshot = snapshot
-            return self._leaving
-
-        async with aiohttp.ClientSession() as session:
-            await watch(session, self._address, keep, timeout=300.0)
-
-    def leave(self) -> None:
-        self._leaving = True
-        self.join(10.0)
-
-    @property
-    def mux(self) -> dict[str, Any]:
-        return next(iter(self.snapshot.get('muxes', ())), {'state': 'none'})
-
-    def bridge(self, name: str) -> dict[str, Any]:
-        found = [each for each in self.snapshot.get('bridges', ()) if each['name'] == name]
-        return found[0] if found else {'estop': 'none'}
 
 
 class Bench:
