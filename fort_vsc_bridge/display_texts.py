@@ -77,7 +77,7 @@ def lines_of(status: MuxStatus | None) -> tuple[str, ...]:
 
 def _four(*texts: str | tuple[str, ...]) -> tuple[str, ...]:
     head, rest = texts
-    found = [each[:WIDTH] for each in (head, *rest) if each][:LINES]
+    found = [_printable(each[:WIDTH]) for each in (head, *rest) if each][:LINES]
     return (*found, *[''] * (LINES - len(found)))
 
 
@@ -87,8 +87,11 @@ def _texts(code: str, about: str) -> tuple[str, ...]:
     while family and family not in TEXTS:
         family = family.rpartition('.')[0]
     text = TEXTS.get(family, (code, _CALL) if code else ())
-    about = ''.join(each if each.isascii() and each.isprintable() else '?' for each in about)
     return tuple(about if each == '{}' else each for each in text)
+
+
+def _printable(text: str) -> str:
+    return ''.join(each if each.isascii() and each.isprintable() else '?' for each in text)
 
 
 _UNHEARD = 'unheard'

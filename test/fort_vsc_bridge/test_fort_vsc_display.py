@@ -89,9 +89,22 @@ def test_text_fits_the_display_of_either_wire(code: str) -> None:
     assert len([line for line in lines if line]) == 1 + len(TEXTS[code])
 
 
-def test_unknown_code_shows_itself_and_a_strange_name_is_printable() -> None:
+def test_unknown_code_shows_itself() -> None:
     assert lines_of(MuxStatus('STOPPED', 'winch.hot'))[1:] == ('winch.hot', 'Call technician', '')
-    assert lines_of(MuxStatus('STOPPED', 'mux.source.stop', 'Kräne\n'))[2] == 'Kr?ne?'
+
+
+@pytest.mark.parametrize(
+    'status',
+    [
+        MuxStatus('Kräne\n', 'mux.reset.due'),
+        MuxStatus('', 'ä.\0'),
+        MuxStatus('STOPPED', 'mux.source.stop', 'Kräne\n' * 1000, '\x80'),
+    ],
+)
+def test_status_of_nonsense_ends_no_session(status: MuxStatus) -> None:
+    remote = Remote().say(status, 2.0)
+    assert remote.shown == lines_of(status)
+    assert all(line.isascii() for line in remote.shown)
 
 
 def test_family_speaks_for_a_code_without_a_text() -> None:
