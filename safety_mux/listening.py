@@ -249,7 +249,7 @@ class ButtonTopic:
         """Count its publishers."""
         self._watch.counted(self._node.count_publishers(self._topic))
 
-    def problem(self, now: float) -> str | None:
+    def problem(self, now: float) -> Coded | None:
         """Return why it could not reset now, in words; None if it could."""
         return self._button.problem(now)
 

@@ -46,14 +46,14 @@ class Surroundings(NamedTuple):
 
     unheard: str
     unpublished: Sequence[str]
-    button: str | None
+    button: Coded | None
     held: Mapping[str, Sequence[str]]
     pressed: Mapping[str, str]
     old_stamps: Mapping[str, str]
     refused_reset: tuple[float, str] | None
     proofs: Sequence[ProofReport] = ()
     tried: Tried | None = None
-    ends: Sequence[str] = ()
+    ends: Sequence[Coded] = ()
     joys: Mapping[str, str] = {}
 
 
@@ -73,7 +73,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     """Return it; WARN while the machine is kept from moving."""
     inhibits = [*status.inhibits, *_further_inhibits(status, around, now)]
     stopped = status.state is State.STOPPED
-    warnings: list[str] = [
+    warnings: list[Coded] = [
         Coded(
             'mux.operator.may_be_gone',
             f"operator '{name}' may be gone, and its sender repeat an old message: {why}",
@@ -165,9 +165,9 @@ def _known(age: float) -> float | str:
     return age if age < math.inf else 'unknown'
 
 
-def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[str]:
+def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[Coded]:
     """Say what else keeps the machine, or a part of it, still, although the arbiter would not."""
-    why: list[str] = []
+    why: list[Coded] = []
     if around.button is not None and status.state is State.STOPPED:
         why.append(passed_on(around.button, f'the reset button {around.button}'))
     if around.unpublished and not status.state.enables:

@@ -138,7 +138,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """State in words of every wanted setting of the device; empty unless configured."""
         return self._device.states
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken controls, what does not come or is not set, and a low battery."""
         wire = self.settings.wire
         problems = super().problems(now)
@@ -170,7 +170,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return 'ok', and why the sticks are zeroed."""
         return '; '.join(['ok', *report.quiet_because(self.heartbeat)])
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why the sticks are zeroed though nothing is a stop."""
         del now
         return report.quiet_because(self.heartbeat)
@@ -314,14 +314,14 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
         verdict = self._judgement.judge(self._newest, now)
-        reasons: list[str] = []
+        reasons: list[Coded] = []
         if self._rate is not None and self._rate.exceeded(now):
             reasons.append(report.TWO_VSCS)
         if self._line is not None and self._line.is_late(now):
             reasons.append(report.late(self._line, now))
         return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         wire = self.settings.wire
         what, to_do = 'silent', wire.SILENCE
         if not self._rejected_lately.expired(now):
