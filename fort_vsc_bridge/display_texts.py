@@ -123,11 +123,16 @@ vm110.ru.stopped: VM-110 e-stop | Release it
 vm110.bu.blocked: VM-110 not armed | Turn on its remote
 vm110.bu.initial: VM-110 starts | Wait | Arm its remote
 vm110.bu.missed: VM-110 missed us | Rearm its remote
+vm110.ru.tilted: VM-110 is tilted | Hold it upright
+vm110.ru.inactive: VM-110 is inactive | Enable it again
+vm110.battery: VM-110 battery low | Exchange it
 vm110.hold: VM-110 stopped too | End other stops
 
 akron: Akron fault | Call technician
 akron.link.silent: Akron not heard | Check its power
 akron.enable.off: Akron not enabled | Close its switch
+akron.foreign: Foreign joystick | Let go of it
+akron.soe: Akron not allowed | Let go, move again
 akron.motion: Akron moves itself | Stop it there
 
 esi: Drive fault | Call technician
@@ -139,13 +144,20 @@ esi.motor_temperature: Motor is hot | Let it cool
 
 ssc: SSC fault | Call technician
 ssc.link.silent: SSC not heard | Check its power
+ssc.output: SSC obeys another | Switch to SERIAL
 ssc.command: SSC says stop | Switch its remote
 
-io: Stop by I/O | Release it
+io: I/O box fault | Call technician
+io.estop: Contact fault at | {} | Call technician
+io.estop.pressed: Stop pressed at | {} | Release it
+io.estop.released: Just released: | {} | Wait
+io.estop.unread: Not read yet: | {} | Wait
+io.link.silent: I/O not heard | Check its power
 
 port: Port is not open | Call technician
 port.missing: Device unplugged | Plug it in
 port.dead: Device is dead | Plug it in anew
+wire: Its process died | Wait
 link: Line is damaged | Check its cable
 node: Node is inactive | Call technician
 input: Input is unsound | Call technician
