@@ -77,7 +77,7 @@ def lines_of(status: MuxStatus | None) -> tuple[str, ...]:
 
 def _four(*texts: str | tuple[str, ...]) -> tuple[str, ...]:
     head, rest = texts
-    found = [each[:WIDTH] for each in (head, *rest) if each][:LINES]
+    found = [_printable(each[:WIDTH]) for each in (head, *rest) if each][:LINES]
     return (*found, *[''] * (LINES - len(found)))
 
 
@@ -87,8 +87,11 @@ def _texts(code: str, about: str) -> tuple[str, ...]:
     while family and family not in TEXTS:
         family = family.rpartition('.')[0]
     text = TEXTS.get(family, (code, _CALL) if code else ())
-    about = ''.join(each if each.isascii() and each.isprintable() else '?' for each in about)
     return tuple(about if each == '{}' else each for each in text)
+
+
+def _printable(text: str) -> str:
+    return ''.join(each if each.isascii() and each.isprintable() else '?' for each in text)
 
 
 _UNHEARD = 'unheard'
@@ -120,11 +123,16 @@ vm110.ru.stopped: VM-110 e-stop | Release it
 vm110.bu.blocked: VM-110 not armed | Turn on its remote
 vm110.bu.initial: VM-110 starts | Wait | Arm its remote
 vm110.bu.missed: VM-110 missed us | Rearm its remote
+vm110.ru.tilted: VM-110 is tilted | Hold it upright
+vm110.ru.inactive: VM-110 is inactive | Enable it again
+vm110.battery: VM-110 battery low | Exchange it
 vm110.hold: VM-110 stopped too | End other stops
 
 akron: Akron fault | Call technician
 akron.link.silent: Akron not heard | Check its power
 akron.enable.off: Akron not enabled | Close its switch
+akron.foreign: Foreign joystick | Let go of it
+akron.soe: Akron not allowed | Let go, move again
 akron.motion: Akron moves itself | Stop it there
 
 esi: Drive fault | Call technician
@@ -136,13 +144,20 @@ esi.motor_temperature: Motor is hot | Let it cool
 
 ssc: SSC fault | Call technician
 ssc.link.silent: SSC not heard | Check its power
+ssc.output: SSC obeys another | Switch to SERIAL
 ssc.command: SSC says stop | Switch its remote
 
-io: Stop by I/O | Release it
+io: I/O box fault | Call technician
+io.estop: Contact fault at | {} | Call technician
+io.estop.pressed: Stop pressed at | {} | Release it
+io.estop.released: Just released: | {} | Wait
+io.estop.unread: Not read yet: | {} | Wait
+io.link.silent: I/O not heard | Check its power
 
 port: Port is not open | Call technician
 port.missing: Device unplugged | Plug it in
 port.dead: Device is dead | Plug it in anew
+wire: Its process died | Wait
 link: Line is damaged | Check its cable
 wire: Node restarts | Wait | Call technician
 node: Node is inactive | Call technician
