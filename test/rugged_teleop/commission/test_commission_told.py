@@ -391,6 +391,10 @@ def test_stick_without_its_button_moves_nothing(
 ) -> None:
     commands = [('command', at, {'left': each}) for at, each in zip((1.2, 1.8), told, strict=True)]
     control = [('state', 1.0, 'ACTIVE'), ('status', 1.0, {'owner': 'a'})]
-    seen = looks.held_still('a', at_once=at_once)(_heard(*control, *commands), {'since': 1.1}, 2.0)
+    heard = _heard(*control, *commands)
+    look = looks.held_still('a', at_once=at_once)
+    assert not (ok and look(heard, {'since': 1.1}, 2.0)), 'no stick is pushed'
+    heard.add('joy a', 1.3, ([0.0, 0.2], [1]))
+    seen = look(heard, {'since': 1.1}, 2.0)
     assert seen is not None
     assert seen.ok is ok
