@@ -10,6 +10,7 @@ from typing import Any
 
 from bridge_core.device import Device, Hands, Simulation, Switch
 from io_bridge.parameters import PARAMETERS
+from io_bridge.reasons import REASONS
 
 _DEFAULTS = {each.name: each.default for each in PARAMETERS}
 
@@ -77,6 +78,7 @@ DEVICE = Device(
     polled=True,
     answers=True,
     publishes=('reset_button', 'speed_limit'),
+    reasons=REASONS,
     ports={'io_port': 'port'},
     hands=Hands(by_values=_wired),
     decoders='io_bridge.decoders:DECODERS',

@@ -103,10 +103,6 @@ class Toy:
 
         self.wait(gone, f'the end of {pids}')
 
-    def wait_new_wire(self, *old: int) -> int:
-        found = self.wait(lambda: [w for w in wires_of(self.pid) if w not in old], 'a new wire')
-        return int(found[0])
-
     def hears(self, data: bytes) -> bool:
         """Tell whether the device has heard this since its ``clear``, whoever read it."""
         self.pty.read()

@@ -13,9 +13,6 @@ from akron_can_bridge.simulator import JoystickSimulator
 from stage.akron_bus import BACK, Bench, Bus, FORWARD, HALF_RIGHT, LEFT, REST, RIGHT, STICK
 from stage.akron_frames import GOLDEN
 
-UP_TO_SPEED = 0.25  # seconds from rest to 20 degrees a second
-
-
 WAYS = [(RIGHT, 0, 1), (LEFT, 0, -1), (BACK, 1, 1), (FORWARD, 1, -1)]  # stick, axis, direction
 
 

@@ -36,7 +36,6 @@ KINDS: dict[str, Callable[[Path], Peer]] = {
     'hidraw': FifoPeer,
     'multicast': GroupPeer,
 }
-SENDING = [name for name in KINDS if name != 'hidraw']
 BUSES = [pytest.param('can_bus', marks=pytest.mark.real_can), 'virtual']
 
 

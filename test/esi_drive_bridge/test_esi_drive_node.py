@@ -23,7 +23,6 @@ from bridge_core.proof import Challenge, nanoseconds, Proof
 from bridge_core.proof_topics import PROOF_QOS
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.simulator import Simulator
-from stage.endings import each_ending
 from stage.esi_drive_bench import Bench, command, DEVICE, LINK, STALE
 from stage.esi_drive_rig import status
 from stage.rig import latched, NodeProcess, Observer, ROOT
@@ -324,22 +323,6 @@ def test_deactivation_disables_and_closes_and_activation_needs_a_new_edge(
         bench.holds(lambda: not any(p.enables for p in bench.drive.packets(closed)), 0.4)
         bench.quiet()
         bench.enabling()
-    finally:
-        bench.close()
-
-
-@each_ending
-def test_signal_mid_motion_leaves_the_drive_disabled(
-    tmp_path: Path, observer: Observer, number: int
-) -> None:
-    bench = Bench(tmp_path, observer)
-    bench.command.message = command(100 * RPM, 0)
-    try:
-        bench.quiet()
-        bench.enabling(until=lambda: bench.drive.rpm >= 50)
-        assert bench.node.end(number) == 0
-        bench.wait(bench.drive.heard_farewell, 'the farewell')
-        bench.wait(lambda: bench.estop.last.data, 'a last stop')
     finally:
         bench.close()
 

@@ -12,7 +12,6 @@ from esi_drive_bridge.protocol import AxisCommand, AxisState, Command, Layout, M
 from esi_drive_bridge.simulator import FAULTS, Motor, Simulator
 
 MANUAL_1000_RPM = bytes.fromhex('F0F005E8030518FC55A0')  # 4.2.4
-MANUAL_5_A = bytes.fromhex('F0F00188130178EC5461')  # 4.2.3
 DISABLE = Command((AxisCommand(mode=Mode.VELOCITY),) * 2).to_bytes(Layout.DUAL)
 CLEAR = Command((AxisCommand(clear_errors=True),) * 2).to_bytes(Layout.DUAL)
 

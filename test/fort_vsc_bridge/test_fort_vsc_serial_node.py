@@ -139,12 +139,6 @@ def test_value_set_in_the_remotes_menu_is_told(bench: NodeBench) -> None:
     assert (bench.user_values.last.key, bench.user_values.last.value) == ('3', '-123456')
 
 
-def test_unknown_message_type_is_counted_and_disturbs_nothing(bench: NodeBench) -> None:
-    bench.vsc.write(build_frame(0x40, b'abc'))
-    bench.wait(lambda: bench.count('unknown types') > 0, 'the count')
-    bench.wait_says(bench.estop, False)
-
-
 # To the VSC.
 
 
@@ -379,30 +373,6 @@ def test_tolerated_fault_leaves_the_sound_controls(tmp_path: Path, observer: Obs
         assert bench.axes() == pytest.approx([0.0, expected, 0.0, 0.0, 0.0, 0.0])
         named = 'right_z unavailable'
         bench.wait(lambda: named in bench.diagnostics.value(DEVICE, 'faulty controls'), 'its name')
-    finally:
-        bench.close()
-
-
-def test_lifecycle_manager_opens_and_closes_the_port(tmp_path: Path, observer: Observer) -> None:
-    bench = serial_bench(tmp_path, observer, autostart=False)
-    try:
-        bench.vsc.apply('mode operational')
-        bench.wait_says(bench.estop, True)
-        assert observer.state(bench.name) == 'unconfigured'
-        assert observer.change_state(bench.name, 'configure')
-        assert not bench.heard()
-        assert observer.change_state(bench.name, 'activate')
-        bench.wait_says(bench.estop, False)
-        assert observer.change_state(bench.name, 'deactivate')
-        bench.wait_says(bench.estop, True)
-        for _ in range(2):  # the device may be held up, and read late what came before
-            bench.vsc.call(lambda *_: None)
-        moment = time.monotonic()
-        observer.holds_for(lambda: not bench.heard(moment), 0.3, 'a silent wire')
-        observer.holds_for(lambda: bench.says(bench.estop, True), 0.1, 'a stop, repeated')
-        bench.wait(lambda: list(bench.estop.since(moment)), 'it, repeated')
-        assert observer.change_state(bench.name, 'activate')
-        bench.wait_says(bench.estop, False)
     finally:
         bench.close()
 

@@ -130,9 +130,13 @@ SHARED = {
     'gate': ('bridge_core.reasons', 'bridge_core.watchdog'),
     'proof': (),
     'proof_topics': NODE_PART,
-    'mux_words': ('bridge_core.proof', 'bridge_core.session', 'bridge_core.watchdog'),
+    'mux_words': tuple(
+        f'bridge_core.{name}' for name in ('proof', 'reasons', 'session', 'watchdog')
+    ),
     'mux_topics': NODE_PART,
-    'actuator': ('bridge_core.framing', 'bridge_core.mux_words', 'bridge_core.session'),
+    'actuator': tuple(
+        f'bridge_core.{name}' for name in ('framing', 'mux_words', 'reasons', 'session')
+    ),
     'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),

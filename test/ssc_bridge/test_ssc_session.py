@@ -46,13 +46,8 @@ def reasons(rig: Rig) -> str:
     return '; '.join(rig.session.stop_reasons(rig.now))
 
 
-def stops_in(events: list[Any]) -> list[bool]:
-    return [event.verdict.estop for event in events if isinstance(event, StopChanged)]
-
-
 # -- health and stops -----------------------------------------------------------------------------
 
-MUTE_ANSWERS = 'mute 11 12 13 14 15; '
 HEALTH = [  # what happens to a healthy link, and why that is a stop; empty: it is none
     ('30', ''),
     ('mute; 30', "check the SSC's power"),

@@ -6,7 +6,6 @@
 from collections.abc import Callable
 import math
 import random
-from typing import Any
 
 from hypothesis import given, settings, strategies as st
 import pytest
@@ -242,16 +241,64 @@ def test_button_whose_led_is_lit_was_let_go_of() -> None:
     assert of(Sticks, bench.hear(build_vrpi(switches=(3, *[0] * 7))))[0].buttons[0] == 1
 
 
-@pytest.mark.parametrize('pause', [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}])
-def test_switch_held_through_a_pause_counts_once_it_was_let_go_of(pause: dict[str, Any]) -> None:
-    bench = armed()
-    bench.hear(DEFLECTED)
-    assert not any(of(Sticks, bench.hear(build_vrpi(**pause)))[0].buttons)
-    held = of(Sticks, bench.hear(DEFLECTED))[0]
-    assert held.axes == (1000, -1000, 1, 0)
-    assert not any(held.buttons)
-    bench.hear(CENTRED)
-    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
+SWITCHES = (1, -1, 1000, 0, 3, 0, 0, 0)
+SAID = {
+    'held': DEFLECTED,
+    'let go': CENTRED,
+    'pause': build_vrpi(flags=(0, 0, 1)),
+    'disarmed': build_vrpi(bu_state=DISARMED, ru_state=0),
+    'nobody': NOBODY,
+    'first in a pause': build_vrpi(flags=(0, 0, 1), switches=(1, *[0] * 7)),
+    'held in a pause': build_vrpi(flags=(0, 0, 1), switches=SWITCHES),
+    'first in a stop': build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU, switches=(1, *[0] * 7)),
+    'broken': build_vrpi(joysticks=(1001, 0, 0, 0), switches=SWITCHES),
+}
+# What is heard, a second of it (*), silence (-); the switches that count as held is heard.
+HELD, NONE, OTHERS = SWITCHES, (0,) * 8, (0, *SWITCHES[1:])
+NEITHER = ()  # nor sticks
+LETS_GO = ('let go', 'held')
+STORIES: dict[str, tuple[tuple[str, ...], tuple[tuple[int, ...], ...]]] = {
+    **{
+        f'held through {pause}': (('let go', 'held', pause, 'held', *LETS_GO), (HELD, NONE, HELD))
+        for pause in ('pause', 'disarmed')
+    },
+    **{  # the silence is told late, and in the pause after it the mux may be reset
+        f'held through silence, zeroed {zeroed}, and {pause}': (
+            ('let go', 'held', *zeroed, '-', f'*{pause}', 'held', *LETS_GO),
+            (HELD, NONE, HELD),
+        )
+        for pause in ('pause', 'disarmed')
+        for zeroed in ((), ('let go',))
+    },
+    'pressed in a pause': (('let go', 'first in a pause', 'pause', 'held'), (OTHERS,)),
+    'pressed in a stop': (('let go', 'first in a stop', 'pause', 'held'), (OTHERS,)),
+    'remote is found enabled, which keeps a reset away': (('held', 'held'), (NEITHER, HELD)),
+    # An upright remote is enabled at once (4.1.3), and nobody saw its switches until then.
+    'before it was armed': (('*nobody', 'held', 'held', *LETS_GO), (NEITHER, NONE, HELD)),
+    'before the session': (('*held in a pause', 'held', *LETS_GO), (NONE, HELD)),
+    'a joystick is broken': (('let go', 'broken', 'held', *LETS_GO), (NONE, HELD)),
+    'through a pause and a stop, which keeps a reset away': (
+        *(('let go', 'held', 'pause', 'held', '-', 'held'), (HELD, NONE, HELD)),
+    ),
+}
+
+
+@pytest.mark.parametrize('story', STORIES)
+def test_switch_that_is_held_counts_once_it_was_let_go_of(story: str) -> None:
+    said, counts = STORIES[story]
+    bench, seen = opened(), []
+    for each in said:
+        if each == '-':
+            bench.now += LIMIT + 1e-3
+            bench.poll()
+            assert bench.session.estop
+        elif each.startswith('*'):
+            bench.run(1.0, SAID[each[1:]])
+        else:
+            sticks = of(Sticks, bench.hear(SAID[each]))
+            if each == 'held':
+                seen.append(sticks[-1].buttons[:8] if any(sticks[-1].axes) else NEITHER)
+    assert seen == [*counts]
 
 
 @pytest.mark.parametrize(('seconds', 'held'), [(1.9 * LIMIT, True), (2.1 * LIMIT, False)])
@@ -266,78 +313,6 @@ def test_switch_let_go_of_twice_the_link_timeout_before_a_pause_is_not_held(
         bench.serial += round(seconds / 3 / 0.125) - 1
     bench.hear(build_vrpi(flags=(0, 0, 1)))
     assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons) is not held
-
-
-@pytest.mark.parametrize('zeroed_before', [False, True])
-@pytest.mark.parametrize('pause', [{'bu_state': DISARMED, 'ru_state': 0}, {'flags': (0, 0, 1)}])
-def test_switch_held_through_silence_and_a_pause_counts_once_it_was_let_go_of(
-    pause: dict[str, Any], zeroed_before: bool
-) -> None:
-    """The silence is told late, and in the pause after it the mux may be reset."""
-    bench = armed()
-    bench.hear(DEFLECTED)
-    if zeroed_before:
-        bench.hear(CENTRED)
-    bench.now += LIMIT + 1e-3
-    bench.poll()
-    assert bench.session.estop
-    bench.run(1.0, build_vrpi(**pause))
-    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-    bench.hear(CENTRED)
-    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-
-
-@pytest.mark.parametrize('seen', [{'flags': (0, 0, 1)}, {'bu_state': STOPPED, 'ru_state': 4}])
-def test_switch_that_is_seen_pressed_while_none_counts_is_held(seen: dict[str, Any]) -> None:
-    bench = armed()
-    bench.hear(build_vrpi(**seen, switches=(1, 0, 0, 0, 0, 0, 0, 0)))
-    bench.hear(build_vrpi(flags=(0, 0, 1)))
-    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (0, -1, 1000, 0, 3, 0, 0, 0, 0)
-
-
-def test_switch_held_as_a_remote_is_found_enabled_is_shown_as_it_keeps_a_reset_away() -> None:
-    bench = opened()
-    bench.hear(DEFLECTED)
-    assert of(Sticks, bench.hear(DEFLECTED))[0].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
-
-
-def test_switch_held_since_before_its_remote_was_armed_counts_once_it_was_let_go_of() -> None:
-    """An upright remote is enabled at once (4.1.3), and nobody saw its switches until then."""
-    bench = opened()
-    bench.run(1.0, build_vrpi(bu_state=DISARMED, ru=0, ru_state=0))
-    bench.hear(DEFLECTED)
-    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-    bench.hear(CENTRED)
-    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-
-
-def test_switch_held_since_before_a_session_that_finds_its_remote_disabled_is_held() -> None:
-    bench = opened()
-    bench.run(1.0, build_vrpi(flags=(0, 0, 1), switches=(1, -1, 1000, 0, 3, 0, 0, 0)))
-    assert not bench.session.estop
-    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-    bench.hear(CENTRED)
-    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-
-
-def test_switch_held_while_a_joystick_is_broken_counts_once_it_was_let_go_of() -> None:
-    bench = armed()
-    broken = build_vrpi(joysticks=(1001, 0, 0, 0), switches=(1, -1, 1000, 0, 3, 0, 0, 0))
-    assert of(Sticks, bench.hear(broken))[0].faulty
-    held = of(Sticks, bench.hear(DEFLECTED))[0]
-    assert (held.axes, any(held.buttons)) == ((1000, -1000, 1, 0), False)
-    bench.hear(CENTRED)
-    assert any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-
-
-def test_switch_held_through_a_pause_and_a_stop_is_shown_as_it_keeps_a_reset_away() -> None:
-    bench = armed()
-    bench.hear(DEFLECTED)
-    bench.hear(build_vrpi(flags=(0, 0, 1)))
-    assert not any(of(Sticks, bench.hear(DEFLECTED))[0].buttons)
-    bench.wait(LIMIT)
-    assert bench.session.estop
-    assert of(Sticks, bench.hear(DEFLECTED))[-1].buttons == (1, -1, 1000, 0, 3, 0, 0, 0, 0)
 
 
 def test_sticks_of_the_first_remote_begin_neutral_whatever_its_number() -> None:

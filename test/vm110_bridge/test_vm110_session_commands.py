@@ -3,6 +3,7 @@
 
 """Commands between the VM-110's session and its remote."""
 
+from collections.abc import Callable
 import itertools
 import math
 import struct
@@ -28,186 +29,126 @@ from stage.vm110_rig import (
 from vm110_bridge.session import ACKNOWLEDGED, Command, CommandResult, QUEUE_SIZE, Settings
 from vm110_bridge.simulator import build_vrpi
 
+SAID = {
+    '': CENTRED,
+    'nobody': NOBODY,
+    'stopped': build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU),
+    'disarmed': build_vrpi(ru_state=1),
+}
+OPTIONS: dict[str, dict[str, Any]] = {
+    'explicit': {'acknowledge': 'explicit'},
+    'unarmed': {'accept_unarmed_commands': True},
+}
+# What happens, in words of play; the IDs of what is delivered, and of what is acknowledged.
+STORIES: dict[str, tuple[str, list[int], list[int]]] = {
+    'each packet is acknowledged': ('vrpi vrci:513 wait:0.1 vrci:513', [513], [513] * 2),
+    'stall': ('vrpi stall vrpi vrci:1 run:0.5 vrci:1', [1], [1]),
+    'no listener': ('vrpi deaf vrci:1 vrci:1 vrci:1 heard vrci:1 vrci:1', [1] * 4, [1] * 2),
+    'lost port': ('vrpi vrci:1 close wait:0.2 open vrpi vrci:1', [1], [1] * 2),
+    'lost port before it was acknowledged': ('vrpi hang vrci:1 told close open run:0.5', [1], []),
+    'published late': ('vrpi hang vrci:1 vrci:1 vrci:1', [1], []),
+    'published at last': ('vrpi hang vrci:1 vrci:1 vrci:1 told poll', [1], [1]),
+    'published while the port was closed': (
+        *('vrpi hang vrci:5 close told open run:0.5', [5], []),
+    ),
+    'and said again': ('vrpi hang vrci:5 close told open run:0.5 vrci:5', [5], [5]),
+    'other data, and much later': ('vrpi vrci:1 else:1 run:6 else:1', [1] * 3, [1] * 3),
+    'explicit': ('explicit vrpi vrci:7 vrci:7', [7], []),
+    'explicit, done': ('explicit vrpi vrci:7 vrci:7 done:7 wait:0 poll', [7], [7]),
+    'explicit, said again': ('explicit vrpi vrci:7 done:7 wait:0 poll vrci:7', [7], [7] * 2),
+    'done before its publishing was noted': (
+        *('explicit vrpi hang vrci:1 done:1 told poll vrci:1', [1], [1] * 2),
+    ),
+    'done while the port was closed': (
+        *('explicit vrpi vrci:5 close done:5 open run:0.5', [5], []),
+    ),
+    'that, said again': ('explicit vrpi vrci:5 close done:5 open run:0.5 vrci:5', [5], [5]),
+    'done before a base unit is heard': ('explicit known:5 done:5 run:0.5', [], []),
+    'it is heard': ('explicit known:5 done:5 run:0.5 vrci:5', [], [5]),
+    'nobody armed': ('vrpi:nobody vrci:1 vrpi vrci:1 vrci:2', [2], [2]),
+    'remote disarmed': ('vrpi:disarmed vrci:1 vrpi vrci:1 vrci:2', [2], [2]),
+    'remote stopped': ('vrpi:stopped vrci:1 vrpi vrci:1 vrci:2', [2], [2]),
+    'unarmed, and accepted': ('unarmed vrpi:nobody vrci:1', [1], [1]),
+    'overtaken by arming': ('run:1:nobody keep:5 vrpi late', [], []),
+    'overtaken by a stop': ('vrpi keep:5 run:1:stopped run:1:nobody run:1 late', [], []),
+    'overtaken by its repeats': ('vrpi keep:5 vrci:5 run:6 late', [5], [5]),
+    'link down': ('vrpi wait:0.5 vrci:1 vrpi vrci:1', [1], [1]),
+    'link down, unarmed ones accepted': ('unarmed vrpi wait:0.5 vrci:1', [], []),
+}
 
-def test_command_is_delivered_once_and_acknowledged_every_time() -> None:
+
+def play(words: str) -> Bench:
+    """Have it happen; ``else`` is a VRCI with other data, ``keep`` one that comes ``late``."""
+    first, *rest = words.split()
+    bench = opened(**OPTIONS.get(first, {}))
+    kept: list[bytes] = []
+
+    def told() -> None:
+        for each in of(Command, bench.events):
+            bench.session.command_published(each, True, bench.now)
+
+    do: dict[str, Callable[..., object]] = {
+        'vrpi': lambda said='': bench.hear(SAID[said]),
+        'vrci': lambda number: bench.hear(vrci(int(number)), 'VRCI'),
+        'else': lambda number: bench.hear(vrci(int(number), b'x' * 16), 'VRCI'),
+        'keep': lambda number: kept.append(bench.packet('VRCI', vrci(int(number)))),
+        'late': lambda: bench.take(*kept),
+        'run': lambda seconds, said='': bench.run(float(seconds), SAID[said]),
+        'wait': lambda seconds: bench.wait(float(seconds)),
+        'poll': bench.poll,
+        'open': bench.open,
+        'close': bench.close,
+        'stall': lambda: bench.session.interrupted('this node was held up', bench.now),
+        'deaf': lambda: setattr(bench, 'listeners', False),
+        'heard': lambda: setattr(bench, 'listeners', True),
+        'hang': lambda: setattr(bench, 'listeners', None),
+        'told': told,
+        'done': lambda number: bench.session.command_done(int(number), bench.now),
+        'known': lambda number: bench.session.inbox.remember(
+            [(Command(int(number), bytes(16)), bench.now)]
+        ),
+    }
+    for word in rest if first in OPTIONS else (first, *rest):
+        name, *given = word.split(':')
+        do[name](*given)
+    return bench
+
+
+@pytest.mark.parametrize('story', STORIES)
+def test_command_is_delivered_and_acknowledged(story: str) -> None:
+    words, delivered, acknowledged = STORIES[story]
+    bench = play(words)
+    assert [command.command_id for command in of(Command, bench.events)] == delivered
+    frames = [payload for _, payload in bench.frames(b'VRAO')]
+    assert frames == [struct.pack('<H', number) for number in acknowledged]
+
+
+def test_command_is_delivered_with_its_data_and_acknowledged_with_the_packet_itself() -> None:
     bench = armed()
-    data = bytes(range(16))
-    for _ in range(5):
-        bench.hear(vrci(513, data), 'VRCI')
-        bench.wait(0.1)
-    assert of(Command, bench.events) == [Command(513, data)]
-    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\x01\x02'] * 5
-    assert bench.session.packets['commands repeated'] == 4
-
-
-def test_command_of_an_armed_remote_right_after_a_stall_is_delivered_by_a_repeat() -> None:
-    bench = armed()
-    bench.session.interrupted('this node was held up', bench.now)
-    bench.hear()
-    bench.hear(vrci(1), 'VRCI')
-    assert not of(Command, bench.events)
-    bench.run(0.5)
-    bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == [Command(1, bytes(16))]
-
-
-def test_acknowledgement_goes_out_with_the_packet_itself() -> None:
-    bench = armed()
-    sent = len(bench.sent)
-    bench.hear(vrci(1), 'VRCI')
+    sent, data = len(bench.sent), bytes(range(16))
+    assert of(Command, bench.hear(vrci(513, data), 'VRCI')) == [Command(513, data)]
     assert [frame[:4] for _, frame in bench.sent[sent:]] == [b'VRAO']
-
-
-def test_command_that_nobody_heard_is_not_acknowledged_and_tried_again() -> None:
-    bench = armed()
-    bench.listeners = False
-    for _ in range(3):
-        bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == [Command(1, bytes(16))] * 3
-    assert bench.frames(b'VRAO') == []
-    ((level, text),) = bench.session.problems(bench.now)
-    assert level is Level.WARN
-    assert text.startswith('start what subscribes to ~/command')
-    bench.listeners = True
-    bench.hear(vrci(1), 'VRCI')
-    bench.hear(vrci(1), 'VRCI')
-    assert len(of(Command, bench.events)) == 4
-    assert len(bench.frames(b'VRAO')) == 2
+    bench.hear(vrci(513, data), 'VRCI')
+    assert bench.session.packets['commands repeated'] == 1
+    bench.wait(LIMIT)
+    bench.hear(vrci(514), 'VRCI')
+    assert bench.session.packets['commands dropped (link down)'] == 1
 
 
 def test_command_without_a_listener_is_told_of_for_five_seconds() -> None:
-    bench = armed()
-    bench.listeners = False
-    bench.hear(vrci(1), 'VRCI')
-    bench.run(4.875)
-    assert 'found no listener' in bench.session.problems(bench.now)[0][1]
+    bench = play('vrpi deaf vrci:1 run:4.875')
+    ((level, text),) = bench.session.problems(bench.now)
+    assert level is Level.WARN
+    assert text.startswith('start what subscribes to ~/command')
+    assert 'found no listener' in text
     bench.run(0.125)
     assert bench.session.problems(bench.now) == []
 
 
-def test_acknowledgement_that_the_port_was_lost_before_is_not_sent_by_the_next() -> None:
-    bench = armed()
-    bench.listeners = None
-    (command,) = of(Command, bench.hear(vrci(1), 'VRCI'))
-    bench.session.command_published(command, True, bench.now)
-    bench.close()
-    bench.open()
-    bench.run(0.5)
-    assert bench.frames(b'VRAO') == []
-
-
-def test_what_was_done_while_the_port_was_closed_is_acknowledged_by_a_repeat_alone() -> None:
-    bench = armed(acknowledge='explicit')
-    bench.hear(vrci(5), 'VRCI')
-    bench.close()
-    bench.session.command_done(5, bench.now)
-    bench.open()
-    bench.run(0.5)
-    assert bench.frames(b'VRAO') == []
-    bench.hear(vrci(5), 'VRCI')
-    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
-
-
-def test_what_was_done_before_a_base_unit_is_heard_is_acknowledged_by_a_repeat_alone() -> None:
-    bench = opened(acknowledge='explicit')
-    bench.session.inbox.remember([(Command(5, bytes(16)), bench.now)])
-    bench.session.command_done(5, bench.now)
-    bench.run(0.5)
-    assert bench.frames(b'VRAO') == []
-    bench.hear(vrci(5), 'VRCI')
-    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
-
-
-def test_what_was_published_while_the_port_was_closed_is_acknowledged_by_a_repeat_alone() -> None:
-    bench = armed()
-    bench.listeners = None
-    (command,) = of(Command, bench.hear(vrci(5), 'VRCI'))
-    bench.close()
-    bench.session.command_published(command, True, bench.now)
-    bench.open()
-    bench.run(0.5)
-    assert bench.frames(b'VRAO') == []
-    bench.hear(vrci(5), 'VRCI')
-    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\5\0']
-
-
-def test_command_is_not_acknowledged_before_it_was_published_nor_published_twice() -> None:
-    bench = armed()
-    bench.listeners = None
-    for _ in range(3):
-        bench.hear(vrci(1), 'VRCI')
-    (command,) = of(Command, bench.events)
-    assert bench.frames(b'VRAO') == []
-    bench.session.command_published(command, True, bench.now)
-    bench.poll()
-    assert len(bench.frames(b'VRAO')) == 1
-
-
-def test_command_that_was_done_before_its_publishing_was_noted_stays_done() -> None:
-    bench = armed(acknowledge='explicit')
-    bench.listeners = None
-    (command,) = of(Command, bench.hear(vrci(1), 'VRCI'))
-    bench.session.command_done(1, bench.now)
-    bench.session.command_published(command, True, bench.now)
-    bench.poll()
-    bench.hear(vrci(1), 'VRCI')
-    assert len(bench.frames(b'VRAO')) == 2
-
-
-def test_command_over_a_lost_port_is_still_known() -> None:
-    bench = armed()
-    bench.hear(vrci(1), 'VRCI')
-    bench.close()
-    bench.wait(0.2)
-    bench.open()
-    bench.hear()
-    bench.hear(vrci(1), 'VRCI')
-    assert len(of(Command, bench.events)) == 1
-    assert len(bench.frames(b'VRAO')) == 2
-
-
-def test_same_id_with_other_data_or_much_later_is_a_new_command() -> None:
-    bench = armed()
-    bench.hear(vrci(1), 'VRCI')
-    bench.hear(vrci(1, b'x' * 16), 'VRCI')
-    bench.run(6.0)
-    bench.hear(vrci(1, b'x' * 16), 'VRCI')
-    assert len(of(Command, bench.events)) == 3
-
-
-def test_explicit_acknowledgement_waits_and_is_repeated_if_it_was_lost() -> None:
-    bench = armed(acknowledge='explicit')
-    bench.hear(vrci(7), 'VRCI')
-    bench.hear(vrci(7), 'VRCI')
-    assert bench.frames(b'VRAO') == []
+def test_command_that_was_never_heard_cannot_be_done() -> None:
+    bench = play('explicit vrpi vrci:7')
     with pytest.raises(ValueError, match='ID 8'):
         bench.session.command_done(8, bench.now)
-    bench.session.command_done(7, bench.now)
-    bench.wait(0.0)
-    bench.take(b'')
-    assert [payload for _, payload in bench.frames(b'VRAO')] == [b'\7\0']
-    bench.hear(vrci(7), 'VRCI')
-    assert len(bench.frames(b'VRAO')) == 2
-    assert len(of(Command, bench.events)) == 1
-
-
-@pytest.mark.parametrize(
-    'payload',
-    [NOBODY, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU), build_vrpi(ru_state=1)],
-    ids=['disarmed', 'stopped', 'ru disarmed'],
-)
-def test_command_of_an_unarmed_remote_is_dropped_and_not_executed_by_arming(
-    payload: bytes,
-) -> None:
-    bench = opened()
-    bench.hear(payload)
-    bench.hear(vrci(1), 'VRCI')
-    bench.hear()
-    bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == []
-    assert bench.frames(b'VRAO') == []
-    bench.hear(vrci(2), 'VRCI')
-    assert len(of(Command, bench.events)) == 1
 
 
 def cut(bench: Bench, payload: bytes) -> list[int]:
@@ -236,59 +177,6 @@ def test_commands_are_known_however_many_packets_are_lost(
     bench.serial = serial
     bench.run(1.0, payload)
     assert cut(bench, payload) == delivered
-
-
-def test_command_of_an_unarmed_remote_that_its_arming_overtakes_is_dropped() -> None:
-    bench = opened()
-    bench.run(1.0, NOBODY)
-    command, arming = bench.packet('VRCI', vrci(5)), bench.packet('VRPI', CENTRED)
-    bench.take(arming, command)
-    assert of(Command, bench.events) == []
-
-
-def test_command_that_a_stop_and_rearming_overtake_is_forgotten() -> None:
-    bench = armed()
-    late = bench.packet('VRCI', vrci(5))
-    bench.run(1.0, build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU))
-    bench.run(1.0, NOBODY)
-    bench.run(1.0)
-    bench.take(late)
-    assert of(Command, bench.events) == []
-
-
-def test_command_whose_first_packet_comes_after_all_repeats_is_executed_once() -> None:
-    bench = armed()
-    late = bench.packet('VRCI', vrci(5))
-    bench.hear(vrci(5), 'VRCI')
-    bench.run(6.0)
-    bench.take(late)
-    assert of(Command, bench.events) == [Command(5, bytes(16))]
-
-
-def test_command_while_the_link_counts_as_down_is_executed_once_it_is_up() -> None:
-    bench = armed()
-    bench.wait(LIMIT)
-    bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == []
-    bench.hear()
-    bench.hear(vrci(1), 'VRCI')  # its repeat, 100 ms later (5.1.3)
-    assert of(Command, bench.events) == [Command(1, bytes(16))]
-    assert len(bench.frames(b'VRAO')) == 1
-
-
-def test_link_that_is_down_delivers_no_command_though_unarmed_ones_are_accepted() -> None:
-    bench = armed(accept_unarmed_commands=True)
-    bench.wait(LIMIT)
-    bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == []
-    assert bench.session.packets['commands dropped (link down)'] == 1
-
-
-def test_unarmed_commands_are_accepted_if_so_configured() -> None:
-    bench = opened(accept_unarmed_commands=True)
-    bench.hear(NOBODY)
-    bench.hear(vrci(1), 'VRCI')
-    assert of(Command, bench.events) == [Command(1, bytes(16))]
 
 
 def test_command_to_the_remote_is_resent_until_acknowledged() -> None:

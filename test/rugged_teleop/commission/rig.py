@@ -10,8 +10,9 @@ import contextlib
 from dataclasses import replace
 import fcntl
 from pathlib import Path
+import subprocess
 import sys
-from typing import Any, NamedTuple
+from typing import Any, cast, NamedTuple
 
 import pytest
 
@@ -26,9 +27,10 @@ from rugged_teleop.commission.running import Running
 from rugged_teleop.commission.simulated import SimulatedMachine
 from rugged_teleop.commission.step import Record, Result, Step
 from rugged_teleop.commission.steps import steps_of
+from stage.forks import ForkedProcess
 from stage.network import Network
 from stage.relay import Relay, remapped
-from stage.rig import own_domain, ROOT, TIMEOUT_FACTOR, wait_for
+from stage.rig import forks, own_domain, TIMEOUT_FACTOR, wait_for
 from stage.run_delay import HELD_UP, RunDelay
 
 DRIVE = '/esi_drive_bridge'
@@ -152,6 +154,17 @@ def _impatient(step: Step, expected: str) -> Step:
     return replace(step, phases=tuple(phases))
 
 
+class ForkedMachine(SimulatedMachine):
+    """One whose nodes begin as forks, see stage.forks: half of a short trial is their starts."""
+
+    def _start(self, name: str) -> None:
+        interpreter, *words = self.commands[name].command
+        assert interpreter == sys.executable
+        with (self._folder / f'{name.strip("/").replace("/", ".")}.log').open('ab') as log:
+            forked = ForkedProcess(forks(), words, log.fileno())
+            self._nodes[name] = cast('subprocess.Popen[bytes]', forked)
+
+
 @contextlib.contextmanager
 def _turn(folder: Path) -> Iterator[None]:
     """Wait for one of _AT_ONCE turns: more machines at once have no time for their time-outs."""
@@ -180,14 +193,14 @@ def trial(folder: Path, file: Path = FILE, relayed: str = '') -> Iterator[Trial]
         exits.enter_context(_turn(folder.parents[1]))
         for name, value in _COURSE.items():
             patch.setattr(course, name, value)
-        patch.setenv('PYTHONPATH', str(ROOT))
+        patch.setenv('ROS_LOG_DIR', str(folder / 'log'))
         patch.setattr(commander, 'SILENCE_LIMIT', TIMEOUT_FACTOR)
         patch.setattr(heard, '_SECONDS', 2.0)
         patch.setattr(steps_actuators, '_LONG_WAY', 10.0)  # its ends are near
         patch.setattr(engine, '_UNDO_LIMIT', 0.5)  # what a fault holds is mended by the test
         for phase in course._LIMITS:
             patch.setitem(course._LIMITS, phase, 20.0 * TIMEOUT_FACTOR)
-        simulated = SimulatedMachine(file, folder, machine)
+        simulated = ForkedMachine(file, folder, machine)
         for name, process in simulated.commands.items():
             words = process.command
             place = words.index('-m') + 1
@@ -196,7 +209,7 @@ def trial(folder: Path, file: Path = FILE, relayed: str = '') -> Iterator[Trial]
                 patient += tuple(remapped(relayed))
             simulated.commands[name] = replace(process, command=patient)
         if DRIVE in simulated.ports:
-            simulated.ports[DRIVE].apply('timeout 0.7')
+            simulated.ports[DRIVE].apply('timeout 0.7', 'rate 50')
         relay = exits.enter_context(Relay(relayed)) if relayed else None
         exits.enter_context(simulated)
         kept = folder / 'kept'

@@ -178,6 +178,8 @@ SOUND = {
     ),
     FILE: ('motion.drive.wire', 'motion.drive.mux_killed', 'motion.fort.killed'),
 }
+# Tests of their own show that these pass.
+SHOWN = {'joint.rotation', 'motion.drive.cable'}
 WARM = ('limit left -20', 'limit right 20', 'soe on')
 
 
@@ -191,7 +193,7 @@ def tried(
         yield made
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize(
     ('tried', 'name'),
     [(file, name) for file, faults in FAULTS.items() for name in faults],
@@ -205,13 +207,14 @@ def test_planted_fault_is_named(tried: Trial, name: str) -> None:
     assert fault.says in record.text
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize(
     ('tried', 'step'),
     [
         (file, step)
         for file, faults in FAULTS.items()
         for step in (*(fault.step for fault in faults.values()), *SOUND[file])
+        if step not in SHOWN
     ],
     indirect=['tried'],
     ids=lambda each: each if isinstance(each, str) else each.stem,
@@ -221,7 +224,7 @@ def test_same_step_passes_without_fault(tried: Trial, step: str) -> None:
     assert record.result is Result.PASSED, record
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [ACTUATORS_FILE], indirect=True, ids=['machine_actuators'])
 @pytest.mark.parametrize('degrees', [-20, 20])  # see WARM
 def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int) -> None:
@@ -229,10 +232,12 @@ def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int)
     assert tried.run('joint.rotation').result is Result.PASSED
 
 
-@pytest.mark.waits(120.0)
+@pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [FILE], indirect=True, ids=['machine'])
 def test_what_the_drive_does_without_us_is_a_fact(tried: Trial) -> None:
-    facts = tried.run('motion.drive.cable').facts
+    record = tried.run('motion.drive.cable')
+    assert record.result is Result.PASSED, record
+    facts = record.facts
     assert 0.3 < float(facts[f'{DRIVE}: goes on without commands (s)']) < 3.0
     assert facts[f'{DRIVE}: starts again by itself'] is False
     assert facts[f'{DRIVE}: keeps its error until it is cleared'] is False

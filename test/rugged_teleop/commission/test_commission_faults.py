@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.simulation import Report
 from esi_drive_bridge.simulator.twin import as_measured
 from rugged_teleop.commission import folder
 from rugged_teleop.commission.main import nodes_of
@@ -18,7 +19,7 @@ from rugged_teleop.recordings import Parameters, read, Said
 from test.rugged_teleop.commission.rig import DRIVE, Fault, PATIENCE, Trial, trial
 from test.rugged_teleop.commission.test_commission_folder import HEAD, VALIDATOR
 
-pytestmark = [pytest.mark.waits(120.0)]
+pytestmark = [pytest.mark.waits(240.0)]
 VSC = '/fort_vsc_bridge'
 
 
@@ -232,7 +233,7 @@ def test_drive_as_its_report_has_it_is_measured_as_before(machine: Trial) -> Non
     machine.apply(_drive(*lines))
     before = _passed(machine)
     machine.apply(_drive(*DELIVERED, 'enabling 0.02', 'timeout 0.7'))
-    machine.apply(_drive(*as_measured(before, DRIVE)))
+    machine.apply(_drive(*as_measured(Report(before, DRIVE))))
     after = _passed(machine)
     machine.apply(_drive(*DELIVERED, 'enabling 0.02', 'timeout 0.7'))
     for name in ('time', 'angle'):
