@@ -398,3 +398,10 @@ def test_stick_without_its_button_moves_nothing(
     seen = look(heard, {'since': 1.1}, 2.0)
     assert seen is not None
     assert seen.ok is ok
+
+
+def test_last_frame_of_a_long_silence_is_found() -> None:
+    heard = _stopped_remote(sticks_at=1.2, frame=False)
+    assert heard.last_frame('/a', 1.3 + 5.0) == 1.3
+    assert heard.last_frame('/a', 1.2) == 1.05
+    assert heard.last_frame('/b', 2.0) is None
