@@ -14,6 +14,7 @@ from rugged_teleop.recordings import Said
 from rugged_teleop.why.events import wire_changes
 
 _KEPT = 20_000  # values of each channel
+_SILENCE = 6.0  # s; more than any link_timeout
 _OVERLAP = 1.0  # s of bytes before the wanted ones, for the value that they change
 
 
@@ -84,7 +85,7 @@ class History:
     def last_frame(self, node: str, at: float) -> float | None:
         """Return when a device was heard last up to then, by its bytes."""
         topic = f'{node}/raw/received'
-        said = (each for _, each in self.since('raw', at - _OVERLAP) if each.topic == topic)
+        said = (each for _, each in self.since('raw', at - _SILENCE) if each.topic == topic)
         pieces = (piece for each in said for piece in pieces_of(each))
         times = (piece.at - self.epoch for piece in pieces if piece.at is not None)
         return max((each for each in times if each <= at), default=None)

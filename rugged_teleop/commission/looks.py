@@ -225,7 +225,7 @@ def in_control(operator: str) -> Look:
 
 def held_still(operator: str, *, at_once: bool) -> Look:
     """
-    The operator has control, and nothing is told to move for a while.
+    The operator has control and a pushed stick, and nothing is told to move for a while.
 
     :param at_once: False: a ramp may come before.
     """
@@ -235,9 +235,13 @@ def held_still(operator: str, *, at_once: bool) -> Look:
         moves = heard.first('command', marks['since'], lambda each: any(each.values()))
         if at_once and moves is not None:
             return Seen(False, 'motion was commanded without the button')
-        since = max(marks['since'], now - _MOVES)
-        told = [any(each.values()) for _, each in heard.since('command', since)]
-        long = now - marks['since'] >= _MOVES
+
+        def away(joy: tuple[list[float], list[int]]) -> bool:
+            return any(abs(axis) > _REST for axis in joy[0])
+
+        pushed = heard.first(f'joy {operator}', marks['since'], away)
+        told = [any(each.values()) for _, each in heard.since('command', now - _MOVES)]
+        long = pushed is not None and now - pushed >= _MOVES
         is_so = heard.last('state') == 'ACTIVE' and owner == operator and told and not any(told)
         return Seen(True, 'nothing is told to move') if long and is_so else None
 

@@ -26,6 +26,7 @@ _KNOWN = 0.8  # s for which a node doubts a new commander
 _STANDS = 0.6  # s for which a place has to stay
 _STILL = 0.01  # of a place, in rad or of a servo's way
 _MOVED = 0.02
+_TURNS = 1.0  # s after which it goes the way that it is told
 _AGAIN = 2.0  # s in which a drive would start again
 _PATIENCE = 2.0  # s beyond its bound after which what moves goes on
 
@@ -97,7 +98,7 @@ def at_end(node: str, joint: str, sign: int, most: float) -> Look:
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         before, last = _around(heard, node, marks['since'])
         way = sign * (last.get(joint, math.nan) - _known(before.get(joint, 0.0)))
-        if way <= -_MOVED:
+        if way <= -_MOVED and now >= marks['since'] + _TURNS:
             return Seen(False, f'{joint} goes the wrong way: it was told to go to {sign:+d}')
         if not way >= _MOVED or not _stand(heard, node, [joint], marks['since'], now):
             return None

@@ -113,6 +113,13 @@ def test_end_of_a_joint_is_seen(places: tuple[float, ...], ok: bool | None, says
     assert says in (seen.text if seen else '')
 
 
+def test_joint_that_turns_round_late_does_not_go_the_wrong_way() -> None:
+    heard = _heard('places /n', *((1.0 + 0.3 * n, {'pan': -0.1 * n}) for n in range(3)))
+    look = looks_actuators.at_end('/n', 'pan', 1, 1.02)
+    assert look(heard, {'since': 1.1}, 1.6) is None
+    assert look(heard, {'since': 1.1}, 2.2) is not None
+
+
 @pytest.mark.parametrize(
     ('said', 'ok'), [('e-stop input is true', True), ('there are none', False)]
 )

@@ -38,8 +38,7 @@ FAULTS = {
     'axis that needs no button': Fault(
         'motion.fort.axis.0',
         'motion was commanded without the button',
-        device=(f'{VSC} button right_right 1',),
-        mended=(f'{VSC} button right_right 0',),
+        instead=(('button left_down 1', 'button left_down 1; button right_right 1'),),
     ),
     'axis button that sticks': Fault(
         'motion.fort.axis.0',

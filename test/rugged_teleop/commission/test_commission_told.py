@@ -14,21 +14,21 @@ import pytest
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core.decoding import StreamDecoder
-from bridge_core.device import Device, Switch
+from bridge_core.device import Hands, Switch
 from rugged_teleop.commission import looks
 from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import read_machine
 from rugged_teleop.commission.step import Record, Result, Seen, Step
 from rugged_teleop.commission.steps import steps_of
-from rugged_teleop.devices import devices, protocols
+from rugged_teleop.devices import protocols
 from rugged_teleop.recordings import Said
 from rugged_teleop.simulate import DEVICES, parser
 from stage.rig import ROOT
-from test.rugged_teleop.commission.rig import FILE, VM110_FILE
+from test.rugged_teleop.commission.rig import FEATURES_FILE, FILE, VM110_FILE
 from vm110_bridge.simulator import build_packet, build_vrpi
 
-FILES = [FILE, VM110_FILE, ROOT / 'config' / 'demo.yaml']
+FILES = [FILE, VM110_FILE, FEATURES_FILE, ROOT / 'config' / 'demo.yaml']
 
 
 def _heard(*values: tuple[str, float, Any]) -> History:
@@ -105,36 +105,46 @@ def test_step_of_a_remote_that_is_stopped_does_not_begin(name: str) -> None:
 # Hands
 
 
-def _switches(device: Device) -> Iterator[Switch]:
-    hands = device.hands
+def _switches(hands: Hands) -> Iterator[Switch]:
     yield from hands.estops.values()
     yield from hands.pauses.values()
-    yield from (hands.off,) if hands.off else ()
+    yield from (each for each in (hands.off, hands.resets) if each)
+    yield from (switch for switch, _ in hands.keys)
 
 
-WITH_HANDS = {name: each for name, each in devices().items() if each.hands.ready}
+WITH_HANDS = {
+    node.full.strip('/'): node
+    for file in (VM110_FILE, FEATURES_FILE)
+    for node in read_machine(file)[0].bridges
+    if node.hands.estops or node.hands.off
+}
 
 
 @pytest.mark.parametrize('name', WITH_HANDS)
 def test_simulator_obeys_what_hands_do(name: str) -> None:
-    device = WITH_HANDS[name]
-    kind, *words = device.simulation({}).arguments
+    node = WITH_HANDS[name]
+    assert node.device is not None
+    kind, *words = node.device.simulation(node.values).arguments
+    if kind == 'io':
+        pytest.importorskip('pymodbus')
     options = parser().parse_args([kind, '--port', '5825', *words])
     simulator = DEVICES[kind].make(options)
     simulator.receive(b'', 0.0)
-    ready = device.hands.ready
-    for switch in _switches(device):
+    for line in options.apply:
+        simulator.apply(line)
+    ready = node.hands.ready
+    for switch in _switches(node.hands):
         assert '; ' in switch.text
         for line in (*ready, *switch.on, *switch.off):
             simulator.apply(line)
-    for stick in (*device.hands.axes, *device.hands.buttons):
+    for stick in (*node.hands.axes, *node.hands.buttons):
         for share in (1, 0):
             simulator.apply(stick.at(share))
     seen = simulator.describe()
-    if device.hands.chain:
-        assert device.hands.chain.closed(seen)
-        simulator.apply(next(iter(device.hands.estops.values())).on[0])
-        assert not device.hands.chain.closed(simulator.describe())
+    if node.hands.chain:
+        assert node.hands.chain.closed(seen)
+        simulator.apply(next(iter(node.hands.estops.values())).on[0])
+        assert not node.hands.chain.closed(simulator.describe())
 
 
 # Looks
@@ -381,6 +391,17 @@ def test_stick_without_its_button_moves_nothing(
 ) -> None:
     commands = [('command', at, {'left': each}) for at, each in zip((1.2, 1.8), told, strict=True)]
     control = [('state', 1.0, 'ACTIVE'), ('status', 1.0, {'owner': 'a'})]
-    seen = looks.held_still('a', at_once=at_once)(_heard(*control, *commands), {'since': 1.1}, 2.0)
+    heard = _heard(*control, *commands)
+    look = looks.held_still('a', at_once=at_once)
+    assert not (ok and look(heard, {'since': 1.1}, 2.0)), 'no stick is pushed'
+    heard.add('joy a', 1.3, ([0.0, 0.2], [1]))
+    seen = look(heard, {'since': 1.1}, 2.0)
     assert seen is not None
     assert seen.ok is ok
+
+
+def test_last_frame_of_a_long_silence_is_found() -> None:
+    heard = _stopped_remote(sticks_at=1.2, frame=False)
+    assert heard.last_frame('/a', 1.3 + 5.0) == 1.3
+    assert heard.last_frame('/a', 1.2) == 1.05
+    assert heard.last_frame('/b', 2.0) is None
