@@ -12,6 +12,7 @@ import pytest
 
 from bridge_core.session import Level
 from io_bridge.parameters import PARAMETERS
+from io_bridge.protocol import gpio_frame, gpio_values
 from io_bridge.session import Panel, Settings
 from io_bridge.session.outputs import STATE_TIMEOUT
 from io_bridge.session.turns import Question, Turns
@@ -118,12 +119,106 @@ def test_unread_inputs_are_a_stop_by_the_age_of_the_question() -> None:
     assert box.session.as_of(box.now) <= asked
     box.mute = True
     heard = box.session.as_of(box.now)
+    box.run(0.1)
+    assert box.session.as_of(box.now) == pytest.approx(heard)
     events = box.run(TIMEOUT + 0.1)
     assert box.session.estop
     assert not box.session.link_up
     assert Panel() in events  # an old button presses nothing
     assert 'inputs were last heard' in reason(box)
     assert box.now - heard >= TIMEOUT
+
+
+def test_nothing_that_was_read_before_the_port_was_lost_counts_behind_it() -> None:
+    box = open_box(reset_line=2, keys=(3,), speeds=(0.2, 1.0))
+    assert box.set(*RELEASED, True, True) == [Panel(True, 1.0)]
+    box.close()
+    assert box.events[-1] == Panel()
+    assert not any(name.startswith('input') for name in box.session.values(box.now))
+    box.open()
+    box.run(0.5 * DEBOUNCE)
+    assert 'was released just now' in reason(box)
+
+
+def test_discrepancy_that_nobody_read_again_is_a_fault_behind_a_lost_port() -> None:
+    box = open_box()
+    box.set(*HALF)
+    box.mute = True
+    box.run(DISCREPANCY + 0.01)
+    box.close()
+    box.mute = False
+    box.lines[:2] = RELEASED
+    box.open()
+    box.run(1.0)
+    assert 'press and release' in reason(box)
+
+
+def test_port_that_is_open_again_is_asked_and_written_at_once() -> None:
+    box = open_box(outputs=OUTPUTS)
+    box.session.set_state('READY', box.now)
+    box.run(0.05)
+    box.mute = True
+    box.run(0.03)  # a question waits for its answer
+    box.close()
+    assert box.session.farewell(box.now) == []
+    asked = len(box.sent)
+    box.open()
+    ((at, frame),) = box.sent[asked:]
+    assert at == box.now
+    assert gpio_values(frame, 4)[::2] == (b'W', (False, True, False, False))
+
+
+def test_questions_are_numbered_and_go_out_at_their_rate() -> None:
+    box = Box(poll_rate=20.0)
+    box.open()
+    box.run(1.0)
+    numbers = [gpio_values(frame, 0)[1] for _, frame in box.sent]
+    assert numbers == [*range(1, len(numbers) + 1)]
+    assert 19 <= len(numbers) <= 22
+
+
+def test_frame_that_was_not_offered_is_no_question() -> None:
+    session = modbus()
+    session.receive(inputs(*RELEASED), 10.01)
+    session.sent(b'of somebody else', 10.02)
+    (frame,) = session.poll(10.03)[1]
+    session.sent(frame[:-1], 10.03)
+    session.receive(inputs(*PRESSED), 10.03)
+    assert session.values(10.03)['answers that nobody asked for'] == 1
+
+
+def test_answer_to_no_order_is_no_edge() -> None:
+    box = open_box()
+    box.take(gpio_frame(b'W', 0))
+    assert box.session.values(box.now)['answers that nobody asked for'] == 1
+    assert not box.session.estop
+
+
+def test_first_line_serves_like_any_other() -> None:
+    box = Box(estops=(('estop', 1, 2),), reset_line=0)
+    box.lines[:] = [True] * 3
+    box.open()
+    box.run(0.2)
+    assert not box.session.estop
+    assert box.session._panel == Panel(True)
+
+
+def test_refusal_is_told_until_the_next_answer_or_the_next_port() -> None:
+    for ends in ('answer', 'port'):
+        session = modbus()
+        session.receive(rtu(0x82, 2), 10.01)
+        if ends == 'port':
+            session.closed(10.02)
+        now, asked = 10.03, session.opened(10.03)[1] if ends == 'port' else []
+        while not asked:
+            now = max(now, session.deadline())
+            asked = session.poll(now)[1]
+        session.sent(asked[0], now)
+        if ends == 'answer':
+            session.receive(inputs(*RELEASED), now)
+        now += TIMEOUT
+        session.poll(now)
+        assert 'refuses' not in session.stop_reasons(now)[0]
 
 
 def test_answer_later_than_its_time_is_not_believed() -> None:
@@ -218,6 +313,14 @@ def test_horn_sounds_once_and_outputs_are_repeated() -> None:
     assert max(horn) - min(horn) < 0.3
     gaps = [b - a for (a, _), (b, _) in zip(box.orders, box.orders[1:], strict=False)]
     assert max(gaps) < 0.25
+    assert len(box.orders) < 9
+    box.session.set_state('READY', box.now)
+    box.session.set_state('ACTIVE', box.now)
+    box.run(0.01)
+    assert box.orders[-1][1][3]
+    box.session.set_state('STOPPED', box.now)
+    box.run(0.01)
+    assert not box.orders[-1][1][3], 'it moves no more'
 
 
 def test_farewell_sets_all_outputs_off_and_there_is_none_without() -> None:

@@ -42,6 +42,7 @@ APART = {
     'akron_can_bridge': ('channel', 'no_can0'),
     'esi_drive_bridge': ('port', 'dev/esi_drive'),
     'fort_vsc_bridge': ('port', 'dev/fort_vsc'),
+    'io_bridge': ('port', 'dev/io_box'),
     'ssc_bridge': ('port', 'dev/ssc'),
     'vm110_bridge': ('interface_address', '127.0.0.1'),
 }
