@@ -10,7 +10,7 @@ each. Every piece has to exist, to have passed when it last ran, and to have don
 
 ``--record FILE...`` takes in what a run has given: a junit file of pytest, ``build/proof.json``,
 a file of ``campaign --json`` or ``campaign random --json``. ``--run`` runs the tests and worlds
-whose result is missing or old first. docs/images/case.svg is drawn anew.
+whose result is missing, old or of another history first. docs/images/case.svg is drawn anew.
 
 Exit status: 0 all holds; 1 something does not, and is named.
 """
@@ -346,13 +346,18 @@ def record(paths: Iterable[Path], case: Case, root: Path = ROOT) -> int:
     return count
 
 
-def run(case: Case, known: Mapping[str, Result], today: datetime.date) -> Path:
+def run(
+    case: Case,
+    known: Mapping[str, Result],
+    today: datetime.date,
+    commits: frozenset[str] | None = None,
+) -> Path:
     """Run the tests and worlds that count no more; return the junit file."""
     names = [
         each
         for each in case.evidence
         if kind_of(each) in ('test', 'world')
-        and _fault(each, known.get(each), case.counts, today, None)
+        and _fault(each, known.get(each), case.counts, today, commits)
     ]
     file = ROOT / 'build' / 'case.xml'
     if names:
@@ -394,7 +399,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--run', action='store_true')
     given = parser.parse_args(arguments)
     case, today = read(), datetime.date.today()
-    files = [run(case, results(), today)] if given.run else []
+    files = [run(case, results(), today, history())] if given.run else []
     if given.record or files:
         print(f'{record([*files, *given.record], case)} results recorded')
     judge(case, results(), today, commits=history())

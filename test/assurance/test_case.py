@@ -10,6 +10,7 @@ import datetime
 import json
 from pathlib import Path
 import re
+import subprocess
 from xml.etree import ElementTree
 
 import pytest
@@ -159,6 +160,21 @@ def test_result_of_a_run_is_kept(
     known = case.results(root)
     assert {n: known[n].passed for n in found} == {n: passed for n, (passed, _) in found.items()}
     assert all(known[n].words.startswith(words) for n, (_, words) in found.items())
+
+
+@pytest.mark.parametrize(
+    ('commits', 'again'),
+    [(None, []), (frozenset({'abc'}), []), (frozenset({'def'}), [*EVIDENCE[:2]])],
+    ids=['no history', 'of this history', 'of another'],
+)
+def test_what_counts_no_more_runs_again(
+    commits: frozenset[str] | None, again: list[str], root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[str] = []
+    monkeypatch.setattr(subprocess, 'run', lambda command, **_: ran.extend(command))
+    found = case.read(root)
+    case.run(found, case.results(root), datetime.date(2026, 6, 30), commits)
+    assert [each for each in ran if each in EVIDENCE] == again
 
 
 def test_evidence_of_this_repository_is_there_and_every_row_has_some() -> None:
