@@ -46,4 +46,57 @@ akron.motion: stop, operator: Akron unit: it moves unasked
     -> Stop it by its own controls
     -> Or call ~/reset_controller
     more devices/akron.md#motion-that-a-neutral-stick-does-not-end
+akron.foreign: stop, operator: Akron unit: a foreign joystick drives it
+    a foreign joystick drives the unit past the mux: address …, frame …; if it is meant to drive
+        the unit beside the mux, list it in allowed_joysticks; else take it off this bus
+    another sender uses our own source_address: address …, frame …; …
+    -> Let go of that joystick
+    -> Allow it: allowed_joysticks
+    more devices/akron.md#is-it-a-stop
+akron.forgotten: stop, technician: Akron unit: no frame went out
+    no frame went out for 200 ms, so the unit forgot what was held
+    -> Let go of the stick
+    -> Look at the bus: candump can0
+akron.busy.asked: step, nobody: Akron unit: it does what it was asked
+    its zero positions are being set
+    the unit is being reset
+    the unit is being put into setup mode
+    -> Wait
+akron.busy.setup: step, technician: Akron unit: in setup mode
+    the unit is in setup mode, or may be; call ~/reset_controller once that is done
+    -> Finish the setup
+    -> Call ~/reset_controller
+akron.busy.new: step, nobody: The node starts
+    this node has yet to tell what it knew of the unit before
+    -> Wait
+akron.pause.missing: note, integrator: Akron unit: switch 7 does not pause
+    set pause_on_stop to false: type 81 told of no pause once switch 7 was pressed …
+    -> Set pause_on_stop to false
+akron.bus.misfit: note, integrator: Akron: a message is not as in the manual
+    a message is not as in the manual: …; ask its maker
+    -> Ask its maker
+akron.bus.namesake: note, integrator: Akron: another device claims our address
+    another device (NAME …) claims our own address …; change its address or source_address
+    -> Change its address or source_address
+akron.bus.rivals: note, integrator: Akron: several units would do
+    … would do as well as …, which was heard first; set device_pin
+    -> Set device_pin
+akron.bus.stick: stop, technician: Akron joystick: it is broken
+    the joystick at joy_source reports …; have it repaired
+    -> Have it repaired
+akron.soe.off: step, integrator: Akron unit: it waits for permission
+    SOE mode is active, so the unit moves only with permission; set soe_permissive
+    -> Set soe_permissive
+akron.soe.withheld: step, operator: Akron unit: it has no permission yet
+    move the stick to give the SOE permission: …
+    -> Let go of the stick, and move it
+akron.position.uncalibrated: note, technician: Akron unit: not calibrated
+    the unit is not calibrated; calibrate it as its reference manual says
+    -> Calibrate it as its reference manual says
+akron.position.error: note, technician: Akron unit: the {axis} position is in error
+    the … position is in error; check its sensor
+    -> Check its sensor
+akron.fault.told: note, technician: Akron unit: it tells of a fault
+    …; see the Error Flash Codes in the reference manual of the device
+    -> See the Error Flash Codes in its manual
 """)

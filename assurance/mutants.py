@@ -124,7 +124,7 @@ _NAMES_OF_TESTS = {
         *('fort_vsc_protocol', 'fort_vsc_can', 'fort_vsc_hid', 'fort_vsc_wires'),
         *_VSC,
     ),
-    'io_bridge/session': ('io_session', *_SESSIONS, 'io_exploration'),
+    'io_bridge/session': ('io_session', *_SESSIONS),
     'io_bridge/modbus.py': ('io_modbus',),
     'io_bridge/protocol.py': ('io_gpio', 'io_session'),
     'ssc_bridge/session': (

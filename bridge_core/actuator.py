@@ -9,11 +9,13 @@ from abc import abstractmethod
 
 from bridge_core.framing import Decoder
 from bridge_core.mux_words import MuxWords
+from bridge_core.reasons import Coded
 from bridge_core.session import EventT, FrameT, MessageT, Output, Session
 
-_NETWORK = (
+_NETWORK = Coded(
+    'link.network',
     'join the device by a port of this computer: its line goes over a network, which may delay a '
-    'stop, and nobody would know'
+    'stop, and nobody would know',
 )
 
 
@@ -38,7 +40,7 @@ class ActuatorSession(Session[FrameT, MessageT, EventT]):
         super().expect_gaps(seconds)
         self._over_network = seconds > 0.0
 
-    def doubts(self, now: float) -> list[str]:
+    def doubts(self, now: float) -> list[Coded]:
         """Return why what is heard, or what is sent, may be older than it seems, in words."""
         return [*[_NETWORK] * self._over_network, *self.mux.warnings(now)]
 

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from bridge_core.diagnostics import to_msg
 from bridge_core.input_guard import InputGuard
+from bridge_core.reasons import Coded
 from bridge_core.report import Status
 from bridge_core.session import Level
 
@@ -26,7 +27,7 @@ class BridgeDiagnostics:
         self._node = node
         self._inputs = inputs
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._faults: list[str] = []  # as published last
+        self._faults: list[Coded] = []  # as published last
 
     def outdated(self, now: float) -> bool:
         """Tell whether inputs have other faults than were published."""
@@ -41,8 +42,11 @@ class BridgeDiagnostics:
             reasons = [*self._faults, *device.reasons]
             device = device._replace(level=Level.ERROR, message=message, reasons=reasons)
         if unpublished:
-            message = f'{device.message}; nobody publishes {", ".join(unpublished)}'
-            device = device._replace(message=message)
+            topics = ', '.join(unpublished)
+            text = Coded('gate.unpublished', f'nobody publishes {topics}', topics=topics)
+            device = device._replace(
+                message=f'{device.message}; {text}', reasons=[*device.reasons, text]
+            )
         name, hardware_id = self._node.full_name, self._node.hardware_id
         array = DiagnosticArray()
         array.header.stamp = self._node.stamp()

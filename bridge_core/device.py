@@ -97,6 +97,9 @@ class Hands:
     :param facts: keys of its diagnostics that say what it is. :param states: that say how it is.
     :param ready: the simulator's words for having acknowledged what was stopped.
     :param axes: in the order of Joy. :param buttons: likewise.
+    :param by_values: those of these fields that the node's parameters decide.
+    :param resets: the reset button. :param keys: positions of a key switch but its first, and how
+        many times as fast each is as that.
     :param turned: how far each of its joints has turned (rad), of the node's parameters and what
         its simulator describes. :param places: of its joints, where it is no drive.
     :param idle: where they go while nobody commands them; one that is left out stays where it is.
@@ -114,6 +117,9 @@ class Hands:
     ready: tuple[str, ...] = ()
     axes: tuple[Stick, ...] = ()
     buttons: tuple[Stick, ...] = ()
+    by_values: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda _: {}
+    resets: Switch | None = None
+    keys: tuple[tuple[Switch, float], ...] = ()
     turned: Callable[[Mapping[str, Any], Mapping[str, Any]], dict[str, float]] | None = None
     places: Places | None = None
     idle: Callable[[Mapping[str, Any]], dict[str, float]] = lambda _: {}

@@ -27,13 +27,17 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 
-from bridge_core.reasons import Coded
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.watchdog import Watchdog
 
 _NEUTRAL = Coded('gate.neutral', 'the command must be neutral once')
 _EDGE = Coded('gate.edge', 'enable must go false, then true again')
 _STOPPED = Coded('gate.stopped', 'e-stop input is true')
 _DISABLED = Coded('gate.disabled', 'enable is false')
+_FELL = Coded('gate.disabled', 'enable went false')
+WAITS = Coded('gate.waits', 'wait for the device')
+LEAVING = Coded('node.leaves', 'the node leaves')
+_UNARMED = Coded('gate.edge', 'enable was not heard false before, after the last stop')
 
 
 class State(Enum):
@@ -55,7 +59,7 @@ class Policy:
     stop: float
     command: float | None = None
     enable: float | None = None
-    waits_for: str = 'wait for the device'
+    waits_for: Coded = WAITS
 
 
 class Gate:
@@ -63,7 +67,7 @@ class Gate:
 
     def __init__(self, policy: Policy) -> None:
         self.state = State.SHUT
-        self.last_stop: tuple[str, ...] = ()  # why it shut last
+        self.last_stop: tuple[Coded, ...] = ()  # why it shut last
         self.stop = Watchdog(policy.stop)  # like the next two, to be read only
         self.command = None if policy.command is None else Watchdog(policy.command)
         self.enable = None if policy.enable is None else Watchdog(policy.enable)
@@ -73,7 +77,7 @@ class Gate:
         self._rejection = ''  # why the newest command was rejected
         self._armed = False  # the first half of an edge was heard
         self._waits_until = math.inf
-        self._untold: tuple[str, ...] = ()  # why it shut, for the next ``watch``
+        self._untold: tuple[Coded, ...] = ()  # why it shut, for the next ``watch``
 
     @property
     def is_open(self) -> bool:
@@ -100,8 +104,8 @@ class Gate:
             self.shut(self._stop_missing(now))
 
     def hear_enable(
-        self, value: bool | None, now: float, stops: Sequence[str] = ()
-    ) -> tuple[str, ...]:
+        self, value: bool | None, now: float, stops: Sequence[Coded] = ()
+    ) -> tuple[Coded, ...]:
         """
         Hear enable. Return why it rises in vain, if it does.
 
@@ -117,16 +121,16 @@ class Gate:
         self.enable.feed(now)
         self._enable_value = value
         if not value:
-            self.shut(['enable went false'])
+            self.shut([_FELL])
         forbidden = self.forbidden(now, stops)
         self._armed = not (value or forbidden)
         if value and armed and not (forbidden or self._untold):
             self.state, self._waits_until = State.WAITING, now + self.command.timeout
         if not rises or self.state is not State.SHUT:
             return ()
-        return tuple(forbidden) or ('enable was not heard false before, after the last stop',)
+        return tuple(forbidden) or (_UNARMED,)
 
-    def hear_command(self, now: float, stops: Sequence[str] = (), *, neutral: bool) -> bool:
+    def hear_command(self, now: float, stops: Sequence[Coded] = (), *, neutral: bool) -> bool:
         """Hear a command that makes sense; tell whether it may go out."""
         assert self.command is not None
         self._expire(now)
@@ -153,7 +157,7 @@ class Gate:
         self.state = State.OPEN
         return True
 
-    def shut(self, reasons: Sequence[str]) -> None:
+    def shut(self, reasons: Sequence[Coded]) -> None:
         """Shut it, if it is not, and forget half an edge."""
         self._armed = False
         if self.state is not State.SHUT:
@@ -168,7 +172,7 @@ class Gate:
         self.state, self._armed = State.SHUT, False
         self._rejection, self._untold = '', ()
 
-    def watch(self, now: float, stops: Sequence[str] = ()) -> tuple[str, ...]:
+    def watch(self, now: float, stops: Sequence[Coded] = ()) -> tuple[Coded, ...]:
         """Shut it where anything is missing; return why it shut since the last call."""
         self._expire(now, stops)
         told, self._untold = self._untold, ()
@@ -178,7 +182,7 @@ class Gate:
 
     # Why not.
 
-    def reasons(self, now: float, stops: Sequence[str] = ()) -> list[str]:
+    def reasons(self, now: float, stops: Sequence[Coded] = ()) -> list[Coded]:
         """Return why nothing goes out and why it stopped last, in words; empty while it does."""
         if self.is_open:
             return []
@@ -186,28 +190,29 @@ class Gate:
         missing += self._command_missing(now)
         if not missing and self.command is not None:
             missing.append(self._policy.waits_for if self.state is State.WAITING else self._opens)
-        last = [f'last stop: {"; ".join(self.last_stop)}'] * bool(self.last_stop)
-        return missing + last
+        if self.last_stop:
+            missing.append(Coded('gate.last_stop', f'last stop: {"; ".join(self.last_stop)}'))
+        return missing
 
-    def forbidden(self, now: float, stops: Sequence[str] = ()) -> list[str]:
+    def forbidden(self, now: float, stops: Sequence[Coded] = ()) -> list[Coded]:
         """Return what forbids motion, enable and command apart."""
         return [*stops, *self._stop_missing(now)]
 
-    def _stop_missing(self, now: float) -> list[str]:
-        true: list[str] = [_STOPPED] * self._stop_value
+    def _stop_missing(self, now: float) -> list[Coded]:
+        true = [_STOPPED] * self._stop_value
         return _stale('e-stop input', self.stop, now) or true
 
-    def _enable_missing(self, now: float) -> list[str]:
+    def _enable_missing(self, now: float) -> list[Coded]:
         is_false = self.enable is not None and not self._enable_value
-        false: list[str] = [_DISABLED] * is_false
+        false = [_DISABLED] * is_false
         return _stale('enable', self.enable, now) or false
 
-    def _command_missing(self, now: float) -> list[str]:
+    def _command_missing(self, now: float) -> list[Coded]:
         if self._rejection:
             return [Coded('gate.refused', f'command refused: {self._rejection}')]
         return _stale('command', self.command, now)
 
-    def _expire(self, now: float, stops: Sequence[str] = ()) -> None:
+    def _expire(self, now: float, stops: Sequence[Coded] = ()) -> None:
         """Let what has expired by now, or is forbidden, take effect."""
         lost = self.forbidden(now, stops)
         if self.state is State.SHUT:
@@ -219,12 +224,13 @@ class Gate:
         if self.is_open or late:
             lost += self._command_missing(now)
         if late and not lost:
-            lost.append(f'{self._policy.waits_for}: it took too long since enable went true')
+            waits = self._policy.waits_for
+            lost.append(passed_on(waits, f'{waits}: it took too long since enable went true'))
         if lost:
             self.shut(lost)
 
 
-def _stale(name: str, heard: Watchdog | None, now: float) -> list[str]:
+def _stale(name: str, heard: Watchdog | None, now: float) -> list[Coded]:
     if heard is None or not heard.expired(now):
         return []
     return [Coded('gate.stale', f'{name} is stale: {heard.describe(now)}', input=name)]

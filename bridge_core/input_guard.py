@@ -46,7 +46,7 @@ class InputGuard:
         self._node = node
         self._watches: dict[str, PublisherWatch] = {}  # by topic
         self._stop_topics: list[str] = []
-        self._unheard: dict[str, str] = {}  # by topic: who publishes there in vain
+        self._unheard: dict[str, Coded] = {}  # by topic: who publishes there in vain
         self._was_unheard = False
         self._current = threading.local()  # of a thread that is in a callback
         self._freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)
@@ -90,7 +90,8 @@ class InputGuard:
             name = subscription.topic_name
             lost = watch.heard(info['publication_sequence_number'], now)
             if lost and stop is not None and not self._node.mux.proves(name):
-                self._distrust(name, f'messages of {name} were lost: one may have been a stop')
+                text = f'messages of {name} were lost: one may have been a stop'
+                self._distrust(name, Coded('input.lost', text, topic=name))
             fault = self._fault_of(name, now)
             is_stop = stop is not None and bool(message.data) is stop
             if is_stop or (watch.settled(now) and not fault):
@@ -100,7 +101,7 @@ class InputGuard:
                     callback(message)
                 finally:
                     self._current.received_at = self._current.stamp = None
-            elif fault:
+            elif fault is not None:
                 self._distrust(name, fault)
 
         subscription = self._node.lane.subscribe(kind, topic, on_message, qos)
@@ -110,18 +111,18 @@ class InputGuard:
         if stop is not None:
             self._stop_topics.append(subscription.topic_name)
 
-    def _distrust(self, topic: str, fault: str) -> None:
+    def _distrust(self, topic: str, fault: Coded) -> None:
         self._node.log(Level.ERROR, fault, site=topic)
         self._node.on_distrusted(fault)
 
-    def _fault_of(self, topic: str, now: float) -> str:
+    def _fault_of(self, topic: str, now: float) -> Coded | None:
         if self._watches[topic].doubled(now):
             found = f'stop one of the two publishers of {topic}'
             text = f'{found}: while both are heard, only stops count'
             return Coded('input.doubled', text, topic=topic)
-        return self._unheard.get(topic, '')
+        return self._unheard.get(topic)
 
-    def faults(self, now: float) -> list[str]:
+    def faults(self, now: float) -> list[Coded]:
         """Return why inputs are not trusted."""
         return [fault for topic in self._watches if (fault := self._fault_of(topic, now))]
 

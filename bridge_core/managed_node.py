@@ -136,7 +136,7 @@ class ManagedNode(Quiet, LifecycleNode):
 
         return checked
 
-    def unheard_publisher(self, topic: str) -> str | None:
+    def unheard_publisher(self, topic: str) -> Coded | None:
         """Name who promises less than a stop needs there, so that nothing of it is ever heard."""
         for endpoint in self.get_publishers_info_by_topic(topic):
             if endpoint.topic_type != 'std_msgs/msg/Bool':

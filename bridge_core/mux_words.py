@@ -23,6 +23,7 @@ import math
 from typing import Any
 
 from bridge_core.proof import new_identity, PERIOD, Reader, Vouched, WorstAge
+from bridge_core.reasons import Coded
 from bridge_core.session import Asked, Pacer
 from bridge_core.watchdog import in_words, Watchdog
 
@@ -167,30 +168,34 @@ class MuxWords:
 
     # What is known.
 
-    def stops(self, now: float) -> list[str]:
+    def stops(self, now: float) -> list[Coded]:
         """Return why nothing may move by its words, in words."""
         if not self.is_proven:
             return []
         if self._reader.is_doubled(now):
-            return [f'two nodes named {self._mux} prove what they say: stop one of them']
+            text = f'two nodes named {self._mux} prove what they say: stop one of them'
+            return [Coded('input.two_nodes', text, node=self._mux)]
         if not self._age.heard:
-            return [f'{self._mux} proves no age: look at the network to it, and at its version']
+            text = f'{self._mux} proves no age: look at the network to it, and at its version'
+            return [Coded('gate.unproven', text, mux=self._mux)]
         ages = {'what {} says': self._age}
         if self._stamp is not None:
             ages['the command of {}'] = self._command_age
         for what, age in ages.items():
             if age.expired(now):
-                return [f'{what.format(self._mux)} is {self._up_to(age.age(now))}']
+                return [self._late(f'{what.format(self._mux)} is {self._up_to(age.age(now))}')]
             if age.is_held(now):
-                return [f'{what.format(self._mux)} was too old in the last {HOLD:g} s{self._look}']
+                lately = f'was too old in the last {HOLD:g} s{self._look}'
+                return [self._late(f'{what.format(self._mux)} {lately}')]
         return []
 
-    def warnings(self, now: float) -> list[str]:
+    def warnings(self, now: float) -> list[Coded]:
         """Say that its words are older than half of the limit, or were lately, in words."""
         self._note_age(now)
         if not self._age.timeout / 2 <= self.worst_age < math.inf:
             return []
-        return [f'what {self._mux} says is {self._up_to(self.worst_age)}']
+        text = f'what {self._mux} says is {self._up_to(self.worst_age)}'
+        return [Coded('gate.creeping', text, mux=self._mux)]
 
     def values(self, now: float) -> dict[str, Any]:
         """Return figures by name; none of a mux that proves nothing."""
@@ -222,6 +227,9 @@ class MuxWords:
 
     def _note_age(self, now: float) -> None:
         self._worst.note(self._age.age(now), now)
+
+    def _late(self, text: str) -> Coded:
+        return Coded('gate.old', text, mux=self._mux)
 
     def _up_to(self, age: float) -> str:
         oldest = f'up to {in_words(age)} old' if age < math.inf else 'older than it proves'

@@ -35,7 +35,8 @@ from bridge_core.mux_topics import MuxTopics
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
 from bridge_core.proof import Stamps
 from bridge_core.raw import RawTopics
-from bridge_core.report import Report
+from bridge_core.reasons import passed_on
+from bridge_core.report import NOT_ACTIVE, Report
 from bridge_core.services import Waiting
 from bridge_core.session import Answer, Asked, EventT, Level, StopChanged, Verdict
 from bridge_core.stop_topics import StopTopics
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
 _LEAVE_TIME = 0.4  # s that leaving waits for a link thread that hangs
 # Best effort: whoever is too slow for it holds nobody up.
 _RAW_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
-_INACTIVE = Verdict.stop('the node is not active', link_up=False)
+_INACTIVE = Verdict.stop(NOT_ACTIVE, link_up=False)
 
 
 class BridgeNode(ManagedNode, Generic[EventT]):
@@ -311,7 +312,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self.log(Level.OK if ok else Level.ERROR, text)
         if not ok:
             self._waiting.fail(text)
-            self._change_verdict(Verdict.stop(text, link_up=False), clock.now())
+            verdict = Verdict.stop(passed_on(text, text, 'port.closed'), link_up=False)
+            self._change_verdict(verdict, clock.now())
 
     def on_lost(self) -> None:
         """Publish what a session would have at its end: its wire is gone without one."""

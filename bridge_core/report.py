@@ -26,13 +26,13 @@ class Status(NamedTuple):
     """
     One diagnostic: ``level`` of DiagnosticStatus, and ``message`` for a person.
 
-    :param reasons: the sentences of the message, as far as they have codes.
+    :param reasons: the sentences of the message.
     """
 
     level: Level
     message: str
     values: dict[str, Any]
-    reasons: Sequence[str] = ()
+    reasons: Sequence[Coded] = ()
 
 
 class Report(NamedTuple):
@@ -156,7 +156,8 @@ def report(
     :param counts: of the transport.
     """
     if session is None:
-        texts = dict.fromkeys([NOT_ACTIVE, *filter(None, [port.error])])
+        error = passed_on(port.error, port.error, 'port.closed')
+        texts = dict.fromkeys([NOT_ACTIVE, *filter(None, [error])])
         return Report(
             Status(Level.WARN, '; '.join(texts), {}, list(texts)),
             Status(Level.WARN, f'{NOT_ACTIVE}; ~/estop is true', {}, [NOT_ACTIVE]),
@@ -182,7 +183,7 @@ def levels(
 
 def _link_status(
     port: LinkStatus, session: Session[Any, Any, Any], damage: Damage, now: float
-) -> tuple[Level, list[str]]:
+) -> tuple[Level, list[Coded]]:
     if not port.is_open:
         return Level.ERROR, [passed_on(port.error, port.error, 'port.closed')]
     if not session.link_up:

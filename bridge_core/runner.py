@@ -234,13 +234,14 @@ def avoid_shared_memory() -> str:
             f'block, because {_PEERS} is set and {local}'
         )
     profiles = loopback_profiles()
+    name, profile = next(iter(profiles.items()))
     os.environ[_RANGE] = 'SYSTEM_DEFAULT'  # as the profile says
-    for name in (_ONLY, *_CHOICES):  # none, or an empty one
-        os.environ.pop(name, None)
+    for other in (_ONLY, *_CHOICES):  # none, or an empty one
+        os.environ.pop(other, None)
     os.environ |= profiles
     return (
         f'messages stay on this computer, as {local}, and go by UDP, as '
-        f'{profiles[_PROFILES[0]]} says; {_PROFILES[0]} chooses another profile'
+        f'{profile} says; {name} chooses another profile'
     )
 
 

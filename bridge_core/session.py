@@ -56,10 +56,10 @@ class Verdict:
     estop: bool = False
     own_estop: bool = False
     link_up: bool = True
-    reasons: tuple[str, ...] = field(default=(), compare=False)
+    reasons: tuple[Coded, ...] = field(default=(), compare=False)
 
     @classmethod
-    def stop(cls, *reasons: str, link_up: bool = True) -> Verdict:
+    def stop(cls, *reasons: Coded, link_up: bool = True) -> Verdict:
         """Return a stop that the device or its link demands by itself."""
         return cls(True, True, link_up, reasons)
 
@@ -111,7 +111,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
     """
 
     # Why there is a stop while it is closed, and what to do.
-    CLOSED: str = Coded('port.closed', 'the port is not open')
+    CLOSED = Coded('port.closed', 'the port is not open')
     DAMAGED = 'check cable, shield, ground and bit rate'  # what to do where much is damaged
     HELD = 'held'  # what outputs are while inhibits returns anything: disabled, neutral, ...
 
@@ -126,7 +126,9 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         self._open = False
         self._stepped_at = -math.inf  # the last receive, poll or request
         self._quiet_until = -math.inf  # until then time alone changes nothing, as far as is known
-        self._interruption = ''  # why what was heard had to be forgotten, and when that was
+        self._interruption = (
+            self.CLOSED
+        )  # why what was heard had to be forgotten, and when that was
         self._interrupted_at = -math.inf
 
     # -- what is known ---------------------------------------------------------------------------
@@ -164,16 +166,16 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         """Return what to do where much of what comes is damaged."""
         return self.DAMAGED
 
-    def stop_reasons(self, now: float) -> list[str]:
+    def stop_reasons(self, now: float) -> list[Coded]:
         """Return why ``estop`` is true, in words, and what to do; empty if it is false."""
         return list(self._verdict(now).reasons)
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why no command reaches the device; empty if they do or there are none."""
         del now
         return []
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return all that is wrong with the device, in words, and what to do."""
         level = Level.WARN if self.link_up else Level.ERROR
         return [(level, reason) for reason in self.stop_reasons(now)]
@@ -212,7 +214,8 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         :param reason: in words. The next poll returns the events.
         """
         if self._open:
-            self._interruption, self._interrupted_at = reason, now
+            self._interruption = Coded('link.interrupted', reason)
+            self._interrupted_at = now
             self._forget_all(now, reason)
 
     def receive(self, data: FrameT, now: float) -> Output[EventT, FrameT]:
@@ -280,7 +283,7 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         """Return the verdict while the device is heard; changes nothing."""
 
     @abstractmethod
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         """Return why the device may not be heard, in words, and what to do."""
 
     def _begin(self, now: float) -> None:

@@ -3,9 +3,10 @@
 
 """Files that come with the package and are no code, such as config/."""
 
+import os
 from pathlib import Path
 
-# Jazzy's Fast DDS knows the first, later ones the second.
+# Jazzy's Fast DDS reads the first alone. Later ones read both, and refuse half of Jazzy's.
 _LOOPBACK = {
     'FASTRTPS_DEFAULT_PROFILES_FILE': 'config/fastdds_loopback_jazzy.xml',
     'FASTDDS_DEFAULT_PROFILES_FILE': 'config/fastdds_loopback.xml',
@@ -29,4 +30,10 @@ def shared(name: str) -> Path:
 
 def loopback_profiles() -> dict[str, str]:
     """Return the variables that keep Fast DDS on this machine, and without shared memory."""
-    return {name: str(shared(path)) for name, path in _LOOPBACK.items()}
+    loaded_from = filter(None, os.environ.get('LD_LIBRARY_PATH', '').split(':'))
+    later = any(Path(place, 'libfastdds.so').exists() for place in loaded_from)
+    return {
+        name: str(shared(path))
+        for name, path in _LOOPBACK.items()
+        if not later or name.startswith('FASTDDS')
+    }

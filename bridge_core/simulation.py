@@ -4,13 +4,68 @@
 """Text commands of simulators. Production code never imports this."""
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from bridge_core.numerals import decimal_number
 
 Commands = Mapping[str, tuple[str, Callable[..., None]]]
+
+
+@dataclass(frozen=True)
+class Report:
+    """
+    What ``commission`` found of one device. Names of steps and facts may have a ``*``.
+
+    A KeyError, TypeError or AttributeError of any of these means: it is no report.
+
+    :param report: its report.json. :param node: the full name of the device's node.
+    """
+
+    report: Mapping[str, Any]
+    node: str
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """The parameters of its node."""
+        found: Mapping[str, Any] = self.report['parameters'][self.node]
+        return found
+
+    @property
+    def short(self) -> str:
+        """Its name in those of facts: that of its e-stop source in the mux, else its node's."""
+        for values in self.report['parameters'].values():
+            for source in values.get('estop_sources', ()):
+                topic = values.get(f'estop.{source}.topic', '')
+                if topic and f'/{topic}'.endswith(f'{self.node}/estop'):
+                    return str(source)
+        return self.node.strip('/').replace('/', '.')
+
+    def of_mux(self, name: str, otherwise: float) -> float:
+        """Return a parameter of the mux."""
+        found = (values.get(name) for values in self.report['parameters'].values())
+        return next((float(value) for value in found if value is not None), otherwise)
+
+    def steps(self, name: str = '*') -> Iterator[Mapping[str, Any]]:
+        """Yield steps, in their order."""
+        yield from (each for each in self.report['steps'] if fnmatchcase(each['name'], name))
+
+    def facts(self, name: str) -> list[Any]:
+        """Return what was found, step by step."""
+        found = (each.get('facts', {}).items() for each in self.steps())
+        return [value for facts in found for key, value in facts if fnmatchcase(key, name)]
+
+    def measured(self, name: str, step: str) -> list[float]:
+        """Return what was measured in these steps."""
+        found = (each['measured'] for each in self.steps(step))
+        return [each['value'] for measured in found for each in measured if each['name'] == name]
+
+    def stops(self, joint: str) -> list[Mapping[str, float]]:
+        """Return how a joint came to rest: speed, and time and angle from the cause on."""
+        found = (each['stopping'].get(joint) for each in self.steps())
+        return [each for each in found if each]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,15 +74,15 @@ class Simulated:
     A simulated device, for the command line.
 
     :param make: makes it of the options. :param help: what it obeys. :param port: what it is on.
-    :param options: adds its own options to a parser. :param as_measured: of a report of
-        ``commission`` and the full name of its node, the lines by which it is like that device.
+    :param options: adds its own options to a parser. :param as_measured: the lines by which it is
+        like the device of a report.
     """
 
     make: Callable[[Namespace], Any]
     help: str
     port: Literal['pty', 'multicast', 'can'] = 'pty'
     options: Callable[[ArgumentParser], object] = lambda _: None
-    as_measured: Callable[[Mapping[str, Any], str], list[str]] | None = None
+    as_measured: Callable[[Report], list[str]] | None = None
 
 
 def obey(simulator: Any, commands: Commands, text: str) -> None:

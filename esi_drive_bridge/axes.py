@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from bridge_core.reasons import Coded
 from esi_drive_bridge.protocol import Mode, VALUE_MAX, VALUE_MIN
 
 FIELDS = {Mode.TORQUE: 'effort', Mode.VELOCITY: 'velocity', Mode.POSITION: 'position'}
@@ -121,7 +122,9 @@ def axes_of(values: Mapping[str, Any]) -> tuple[Axis, ...]:
     return tuple(map(Axis, joints, modes, scales, *rest))
 
 
-def to_counts(values: Sequence[float], axes: Sequence[Axis]) -> tuple[tuple[int, ...], list[str]]:
+def to_counts(
+    values: Sequence[float], axes: Sequence[Axis]
+) -> tuple[tuple[int, ...], list[Coded]]:
     """
     Return a command in counts, and what of it was cut, in words.
 
@@ -143,7 +146,10 @@ def to_counts(values: Sequence[float], axes: Sequence[Axis]) -> tuple[tuple[int,
         for count, axis in zip(wanted, axes, strict=True)
     )
     how = f'so every velocity and torque is cut to {100.0 * factor:.3g} %'
-    return counts, [f'{axes[n].beyond(values[n])}, {how}' for n in beyond]
+    return counts, [
+        Coded('esi.command.cut', f'{axes[n].beyond(values[n])}, {how}', joint=axes[n].joint)
+        for n in beyond
+    ]
 
 
 def _held(count: float) -> float:

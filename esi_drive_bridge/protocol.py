@@ -198,7 +198,7 @@ _MOTOR_FAULTS = {
         'esi.logic_fault', 'logic voltage out of range: check the logic supply'
     ),
 }
-_WARNING = 'the drive reports a warning: read it with HiDS'
+_WARNING = Coded('esi.warning', 'axis {axis}: the drive reports a warning: read it with HiDS')
 _FAULT_MASK = int(
     AxisState.ERROR_CONDITION
     | AxisState.OVERVOLTAGE
@@ -391,9 +391,9 @@ class Status:
             for text in (axis.faults() if name in letters else axis.shared_faults())
         ]
 
-    def warnings(self) -> list[str]:
+    def warnings(self) -> list[Coded]:
         """Name the axes that report a warning."""
-        return [f'axis {name}: {_WARNING}' for name, axis in self.lettered() if axis.warning]
+        return [_WARNING.filled(axis=name) for name, axis in self.lettered() if axis.warning]
 
     def repeats(self, other: Status) -> bool:
         """Tell whether no bit differs; what is measured may."""

@@ -87,4 +87,42 @@ esi.disobeys: stop, technician: ESI drive does not obey
     -> Check our pair to the drive
     -> Look who else commands it
     more decisions/0021-drive-that-does-not-obey.md
+esi.warning: note, technician: ESI drive: a warning of axis {axis}
+    the drive reports a warning: read it with HiDS
+    -> Read it with HiDS
+esi.astray: note, technician: ESI drive: {joint} does not follow
+    check that mode and scale of … are as in HiDS, and that nothing holds it: …
+    -> Check mode and scale: as in HiDS
+    -> Look what holds it
+esi.second_axis: note, integrator: ESI drive: it has a second axis
+    name two joints in joint_names if the drive has two axes: …
+    -> Name two joints in joint_names
+esi.line.full: note, integrator: ESI drive: its line is full
+    raise baud in HiDS and here, or lower the rate: …
+    -> Raise baud in HiDS and here
+    -> Or lower the rate
+esi.command.cut: note, integrator: ESI drive: a command for {joint} is cut
+    …, so every velocity and torque is cut to … %
+    -> Correct limits and scale
+esi.clearing: step, nobody: ESI drive: its errors are being cleared
+    errors are being cleared
+    -> Wait
+esi.stalled: stop, technician: ESI drive: its node was held up
+    this node stalled for … ms, limit … ms
+    -> Release the deadman, and press it
+    -> Give the computer less work
+esi.not_enabled: stop, technician: ESI drive: it did not become enabled
+    the drive did not become enabled within … ms
+    -> Look at its enable input and STO
+    -> Read its state with HiDS
+esi.disabled: stop, technician: ESI drive: axis {axis} disabled itself
+    axis … disabled itself
+    -> Read its cause with HiDS
+    -> Release the deadman, and press it
+esi.position.unanswered: step, nobody: ESI drive: its position is not known yet
+    wait until the drive has answered packets in position mode
+    -> Wait
+esi.position.limit: stop, technician: ESI drive: {joint} is beyond its packets
+    move … by hand to within …: its measured position is at the limit of a packet …
+    -> Move it by hand to within the limit
 """)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import reprlib
 from typing import Any, ClassVar, TYPE_CHECKING
 
-from diagnostic_msgs.msg import KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix
 from std_msgs.msg import Int8, String, UInt8
 
@@ -21,6 +21,7 @@ from bridge_core.report import Status
 from bridge_core.runner import run
 from bridge_core.session import Level
 from fort_vsc_bridge import convert
+from fort_vsc_bridge.display_texts import status_from
 from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol.messages import RemoteStatus
 from fort_vsc_bridge.session import (
@@ -72,6 +73,8 @@ class FortVscBridge(BridgeNode[Event]):
         self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
         self.create_subscription(String, '~/display_text', self._on_display_text, 10)
         self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
+        if topic := self.values['show_status']:
+            self.create_subscription(DiagnosticStatus, topic, self._on_status, latched_qos())
 
     def carried_over(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What asked for stops has to be heard again, or its silence is one."""
@@ -188,6 +191,11 @@ class FortVscBridge(BridgeNode[Event]):
     def _on_get_user_value(self, message: Any) -> None:
         key = f'get_user_value {message.data}'
         self.request(Session.get_feedback, message.data, key=key)
+
+    def _on_status(self, message: Any) -> None:
+        values = {pair.key: pair.value for pair in message.values}
+        status = status_from(values, self._joy.topic_name)
+        self.request(Session.hear_status, status, key='show_status')
 
     def _convert(
         self,

@@ -6,7 +6,13 @@
 from collections.abc import Callable
 import re
 
-from bridge_core.parameters import DEADBAND, line_age_limit, Parameter, TOLERATE_FAULTY_AXES
+from bridge_core.parameters import (
+    check_topic,
+    DEADBAND,
+    line_age_limit,
+    Parameter,
+    TOLERATE_FAULTY_AXES,
+)
 from fort_vsc_bridge.protocol.can import CanIds, MAX_IDENTIFIER
 from fort_vsc_bridge.protocol.frames import BAUD
 from fort_vsc_bridge.protocol.values import MAX_MAGNITUDE
@@ -177,6 +183,15 @@ PARAMETERS = (
     ),
     DEADBAND,
     TOLERATE_FAULTY_AXES,
+    Parameter(
+        'show_status',
+        '',
+        "serial, can: the mux's status, such as safety_mux/status, which the remote shows, with a "
+        "rumble at a stop and at a refused deadman. Empty: off, and the display is the device's.",
+        check=check_topic,
+        fixed=True,
+        section='the display',
+    ),
     Parameter(
         'read_identity',
         False,

@@ -106,7 +106,8 @@ PARAMETERS = (
     Parameter(
         'key_speeds',
         [0.3, 1.0],
-        '~/speed_limit of each position, the first one with no line on.',
+        '~/speed_limit of each position. The first one, with no line on, is the least: a cut wire '
+        'chooses it.',
         minimum=0.0,
         maximum=1.0,
     ),

@@ -36,14 +36,14 @@ class Inputs:
     """An answer. :param values: on or off, by bit. :param number: of the question; 0: an edge."""
 
     values: tuple[bool, ...]
-    number: int = 0
+    number: int
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
     """An answer: the outputs were set."""
 
-    number: int = 0
+    number: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Refused:
 
     reads: bool
     code: int
-    number: int = 0
+    number: int
 
 
 Answer = Inputs | Written | Refused

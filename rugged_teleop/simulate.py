@@ -11,7 +11,7 @@ when it leaves.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 import json
 import os
 from pathlib import Path
@@ -20,7 +20,7 @@ import sys
 from typing import Any
 
 from bridge_core.options import whole_within
-from bridge_core.simulation import Simulated
+from bridge_core.simulation import Report, Simulated
 from bridge_core.waiting import ready
 from rugged_teleop.canbuses import CanBusDevice, CHANNEL, INTERFACE
 from rugged_teleop.command_line import Parser, standard_streams
@@ -53,10 +53,9 @@ _RESTLESS = {
 }
 
 
+_NODES = {name: each for each in devices().values() for name in loaded(each.simulators)}
 DEVICES: dict[str, Simulated] = {
-    name: simulated
-    for device in devices().values()
-    for name, simulated in loaded(device.simulators).items()
+    name: loaded(device.simulators)[name] for name, device in _NODES.items()
 }
 
 
@@ -75,7 +74,7 @@ def parser(prog: str = 'simulate') -> Parser:
         )
         if simulated.as_measured:
             device.add_argument(
-                '--as', type=Path, dest='report', help='be as commission measured it; report.json'
+                '--as', type=Path, dest='report', help='be as commission found it; report.json'
             )
             device.add_argument('--node', default='', help='whose, where the report has several')
     return result
@@ -128,26 +127,25 @@ def plug_in(options: argparse.Namespace) -> DevicePort:
 
 def _as_measured(options: argparse.Namespace) -> list[str]:
     """Return what makes it the device of a report. :raises OSError, ValueError: nothing can."""
-    path = getattr(options, 'report', None)
-    measured = DEVICES[options.device].as_measured
+    path, device = getattr(options, 'report', None), options.device
+    measured = DEVICES[device].as_measured
     if path is None or measured is None:
         return []
     try:
         report = json.loads(path.read_text(encoding='utf-8'))
-        lines = measured(report, _node_of(report, options.device, options.node))
+        ours = [each for each in report['parameters'] if each.endswith(f'/{_NODES[device].name}')]
+        node = options.node or (ours[0] if len(ours) == 1 else '')
+        if node not in ours:
+            raise ValueError(f'--node: it has {", ".join(ours) or f"no {device}"}')
+        lines = measured(Report(report, node))
     except OSError as error:
         raise ValueError(f'--as {path}: {error.strerror}') from error
     except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
         raise ValueError(f'--as {path}: is no report: {error!r}') from error
+    if not lines:
+        raise ValueError(f'--as {path}: nothing of {node} was measured: do its steps first')
     print(f'as {path} has it: {"; ".join(lines)}', flush=True)
     return lines
-
-
-def _node_of(report: Mapping[str, Any], device: str, wanted: str) -> str:
-    nodes = [each for each in report['parameters'] if each.endswith(f'/{device}_bridge')]
-    if wanted in nodes or (not wanted and len(nodes) == 1):
-        return str(wanted or nodes[0])
-    raise ValueError(f'--node: it has {", ".join(nodes) or f"no {device}"}')
 
 
 def _plug_in(options: argparse.Namespace) -> DevicePort:

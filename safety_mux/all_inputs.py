@@ -4,6 +4,7 @@
 """All inputs of a mux, and what arrives for each. The part of the arbiter that records."""
 
 from bridge_core.proof import Heard
+from bridge_core.reasons import Coded
 from safety_mux.feedback import FeedbackInput
 from safety_mux.inputs import DriveInput, Input, SourceInput, SpeedLimitInput
 from safety_mux.owners import AutonomyInput, demand_fault, OperatorInput
@@ -133,17 +134,17 @@ class Inputs:
 
     # -- what they say together --------------------------------------------------------------
 
-    def unrest(self, now: float) -> list[str]:
+    def unrest(self, now: float) -> list[Coded]:
         """Return why fresh operators are not at neutral."""
         found = (operator.unrest(now) for operator in self.operators.values())
         return [reason for reason in found if reason is not None]
 
-    def guard_stops(self, operator: OperatorInput, now: float) -> list[str]:
+    def guard_stops(self, operator: OperatorInput, now: float) -> list[Coded]:
         """Return the stops of this operator's ``when_owner`` sources."""
         found = (source.stop_reason(now) for source in self.guards[operator.name])
         return [reason for reason in found if reason is not None]
 
-    def unseen(self, now: float) -> list[str]:
+    def unseen(self, now: float) -> list[Coded]:
         """Return why nobody knows what the joints do; nobody gets control then."""
         problem = None if self.feedback is None else self.feedback.problem(now)
         return [] if problem is None else [problem]

@@ -92,7 +92,7 @@ class Arbiter(Stops):
 
     # -- services ----------------------------------------------------------------------------
 
-    def trip(self, now: float, reason: str = _TRIPPED) -> Reply:
+    def trip(self, now: float, reason: Coded = _TRIPPED) -> Reply:
         """Latch STOPPED with the next tick; all devices are asked to stop, until it ends."""
         self.trips.begin(now, reason)
         return Reply(True, 'tripped: STOPPED until ~/reset')
@@ -117,7 +117,7 @@ class Arbiter(Stops):
             return Reply(False, f'not reset: {refusal}')
         self.judge_motion(now)
         unrest = self.unrest(now)
-        missing = self.stop_reasons(now) or self.still_clearing(now)
+        missing: list[str] = [*(self.stop_reasons(now) or self.still_clearing(now))]
         if not (missing or unrest):
             self.trips.since = None
             self._drop_requests()
@@ -126,7 +126,7 @@ class Arbiter(Stops):
         if not unrest and self._trip_may_end(now):
             self.trips.since = None
             missing.insert(0, 'the trip is ended; call ~/reset again when this has cleared')
-        return Reply(False, 'not reset: ' + '; '.join(missing + unrest))
+        return Reply(False, 'not reset: ' + '; '.join([*missing, *unrest]))
 
     def _trip_may_end(self, now: float) -> bool:
         """Return whether only the echo of a trip, or clear_time after it, prevents a reset."""
@@ -232,7 +232,7 @@ class Arbiter(Stops):
             each.drop_requests()
         self.through_zero = False
 
-    def still_clearing(self, now: float) -> list[str]:
+    def still_clearing(self, now: float) -> list[Coded]:
         """Say how much of clear_time is missing in STOPPED; empty if nothing is."""
         clear = 0.0 if self._clear_since is None else now - self._clear_since
         limit = self.config.clear_time
@@ -286,8 +286,7 @@ class Arbiter(Stops):
         if not (operator.pressed and self._settled):
             return ''.join(f'; {reason}' for reason in blocks)
         problem = operator.problem(now)
-        missing = blocks if problem is None else [problem]
-        missing += self.unseen(now)
+        missing: list[str] = [*(blocks if problem is None else [problem]), *self.unseen(now)]
         among_operators = self.owner is not None and self.owner is not self.autonomy
         if among_operators and not now - self._owner_since >= self.config.hold_time:
             hold = milliseconds(self.config.hold_time)

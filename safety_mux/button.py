@@ -53,7 +53,7 @@ class ResetButton:
         self._fault = self._fault or trouble
         return self._fault or self._wrong_length(now) if before and not pressed else None
 
-    def problem(self, now: float) -> str | None:
+    def problem(self, now: float) -> Coded | None:
         """Return why it could not reset now, in words; None if it could."""
         if self._watchdog.expired(now):
             condition = 'stale' if self._watchdog.heard else 'silent'

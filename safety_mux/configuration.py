@@ -76,6 +76,7 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
         return JoyMapping(
             sticks=tuple(Stick(*row) for row in zip(axes, *columns, strict=True)),
             deadman=tuple(values[f'{prefix}.deadman_buttons']),
+            buttons=1 + max(operator_buttons(values, operator).values(), default=-1),
             mixing=values[f'{prefix}.mixing'],
             pressed_at=values[f'{prefix}.pressed_at'],
             levels=tuple(values[f'{prefix}.speed_levels']),

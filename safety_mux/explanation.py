@@ -38,10 +38,16 @@ def status_of(mux: Arbiter, now: float) -> Status:
         slowed=tuple(_slowed(mux, now)),
         drives_enabled=enabled,
         drives_ready=mux.drives_ready(now),
+        refused=tuple(o.name for o in mux.operators.values() if _is_refused(mux, o, now)),
     )
 
 
-def _inhibits(mux: Arbiter, now: float) -> list[str]:
+def _is_refused(mux: Arbiter, operator: OperatorInput, now: float) -> bool:
+    held = operator.newest is not None and operator.newest.deadman and operator.fresh(now)
+    return held and operator is not mux.owner and not operator.pressed  # that waits for its tick
+
+
+def _inhibits(mux: Arbiter, now: float) -> list[Coded]:
     if mux.state is State.STOPPING:
         text = f'stopping on a ramp: {mux.transition.reason}{_motion(mux, now)}'
         return [Coded('mux.stopping', text)]
@@ -55,7 +61,7 @@ def _inhibits(mux: Arbiter, now: float) -> list[str]:
     return list(dict.fromkeys(why + _why_no_owner(mux, now)))
 
 
-def _stopped_ago(mux: Arbiter, stops: list[Stop], now: float) -> str:
+def _stopped_ago(mux: Arbiter, stops: list[Stop], now: float) -> Coded:
     """Say since when, and why unless all of that is among the present stops."""
     last = mux.transition
     text = f'stopped {in_words(now - last.at)} ago'
@@ -64,19 +70,16 @@ def _stopped_ago(mux: Arbiter, stops: list[Stop], now: float) -> str:
     return Coded('mux.stopped', text, since_s=now - last.at)
 
 
-def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[str]:
+def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[Coded]:
     if mux.overruled is not None:
         text = f'{owner.label} is losing control: {mux.overruled}{_motion(mux, now)}'
         return [Coded('mux.overruled', text, owner=owner.name)]
     for drive in mux.drives.values():
         if not drive.ready(now):
-            why = drive.problem(now)
-            if why is None:
-                why = f'{drive.lapse or "it says that it is not"}{drive.says}'
-                inner = drive.device_words
-            else:
-                inner = why
+            problem = drive.problem(now)
+            why = problem or f'{drive.lapse or "it says that it is not"}{drive.says}'
             text = f'{owner.label} waits for {drive.label} to be enabled: {why}'
+            inner = problem or drive.device_words
             return [passed_on(inner, text, 'mux.drive.disabled', drive=drive.name)]
     if not mux.through_zero and not any(owner.demand):
         text = f'{owner.label} has control and asks for zero'
@@ -89,7 +92,7 @@ def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[str]:
     return [Coded('mux.operator.starts', f'{owner.label} takes control: {first}')]
 
 
-def _slowed(mux: Arbiter, now: float) -> list[str]:
+def _slowed(mux: Arbiter, now: float) -> list[Coded]:
     scale, limits = mux.scale(now), mux.speed_limits.values()
     return [each.words(now) for each in limits if each.scale(now) == scale < 1.0]
 
@@ -102,8 +105,8 @@ def _motion(mux: Arbiter, now: float) -> str:
     return f'; {ramps}, {mux.feedback.left(now)}'
 
 
-def _why_no_reset(mux: Arbiter, now: float) -> list[str]:
-    why: list[str] = []
+def _why_no_reset(mux: Arbiter, now: float) -> list[Coded]:
+    why: list[Coded] = []
     if mux.trips.since is not None:
         why.append(_TRIP)
     clearing = [] if mux.stops_at(now) else mux.still_clearing(now)
@@ -112,7 +115,7 @@ def _why_no_reset(mux: Arbiter, now: float) -> list[str]:
     return [*why, _RESET]
 
 
-def _why_no_owner(mux: Arbiter, now: float) -> list[str]:
+def _why_no_owner(mux: Arbiter, now: float) -> list[Coded]:
     why = mux.unseen(now)
     if mux.feedback is not None and mux.feedback.awaited:
         why.append(Coded('mux.standstill', f'waiting for standstill: {mux.feedback.left(now)}'))
@@ -136,7 +139,7 @@ def _why_no_owner(mux: Arbiter, now: float) -> list[str]:
 
 def _advice(
     mux: Arbiter, each: OperatorInput | AutonomyInput, now: float, *, stopped: bool = False
-) -> list[str]:
+) -> list[Coded]:
     problem = each.problem(now)
     if problem is not None:
         stops = (source.stop_reason(now) or '' for source in mux.sources.values())

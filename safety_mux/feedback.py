@@ -40,7 +40,7 @@ class FeedbackInput(Input):
         self._unknown: Demand = (math.inf,) * len(config.joints)
         self.speeds = self._unknown
         self._at_zero = False  # the speeds were measured since the command became 0
-        self.fault: str | None = None
+        self.fault: Coded | None = None
         self._told_at: float | None = None  # set: they are on their way to standstill
         self._fast_since: dict[str, float] = {}  # by joint
 

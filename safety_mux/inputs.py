@@ -54,7 +54,7 @@ class Input:
         self.age: Watchdog | None = Watchdog(age_limit) if proven else None  # None: not proven
         self.faults: dict[str, str] = {}
         self.device_words = ''  # what its node says of its device
-        self.lapse: str | None = None  # what was wrong since the last tick, even if it has ended
+        self.lapse: Coded | None = None  # what was wrong since the last tick, even if it has ended
 
     def well_formed(self, now: float) -> None:
         """Record a good message."""
@@ -91,7 +91,7 @@ class Input:
         if as_of > -math.inf:
             self.age.feed(as_of)
 
-    def problem(self, now: float) -> str | None:
+    def problem(self, now: float) -> Coded | None:
         """Return why it is not usable at ``now``; None if it is."""
         if self.usable(now):
             return None
@@ -164,7 +164,7 @@ class Input:
         text = f'{begin}: {why}: look at the network to its node'
         return Coded('mux.input.old', text, name=name, age_s=age, limit_s=limit)
 
-    def _break(self, reason: str) -> None:
+    def _break(self, reason: Coded) -> None:
         self.lapse = reason
         self.drop_requests()
 
@@ -225,7 +225,7 @@ class SourceInput(Input):
         """``stop`` or ``clear``."""
         return 'stop' if self.value else 'clear'
 
-    def stop_reason(self, now: float) -> str | None:
+    def stop_reason(self, now: float) -> Coded | None:
         """Return why it stops the machine; None if it has been clear since the last tick."""
         problem = self.problem(now)
         if problem is None and self.value:
@@ -340,7 +340,7 @@ class SpeedLimitInput(Input):
         """Return the share that counts now. Silence never raises it."""
         return self.value if self.usable(now) else min(self.value, self.lowest)
 
-    def words(self, now: float) -> str:
+    def words(self, now: float) -> Coded:
         """Say what it allows, and why if it does not say so itself."""
         problem = self.problem(now)
         allows = f'{self.label} allows {100.0 * self.scale(now):.0f} %'

@@ -99,6 +99,11 @@ class JointLimiter:
         """Set the output to zero at once."""
         self._values = self._rates = (0.0,) * len(self._limits)
 
+    def halt(self, joint: int) -> None:
+        """Set the output of one joint to zero at once. :param joint: its place in a demand."""
+        self._values = (*self._values[:joint], 0.0, *self._values[joint + 1 :])
+        self._rates = (*self._rates[:joint], 0.0, *self._rates[joint + 1 :])
+
     def step(self, target: Sequence[float], dt: float, scale: float = 1.0) -> tuple[float, ...]:
         """
         Return the next output on the way to ``target``, ``dt`` seconds after the last.

@@ -42,6 +42,7 @@ class Subscriptions:
 
     def __init__(self, node: ManagedNode, decide: Callable[[float], object]) -> None:
         self.unpublished: list[str] = []  # topics, as of the last look around
+        self.joys: dict[str, str] = {}  # by operator, the full name of its topic
         self._node, self._decide = node, decide
         self._subscriptions: list[Any] = []
         self._watches: dict[str, tuple[Kind, str, PublisherWatch]] = {}
@@ -62,6 +63,8 @@ class Subscriptions:
             self._subscribe(each, before.get(topic) or PublisherWatch())
         nodes = proven_nodes(intake.arbiter, self._node.values, self._node.resolve_topic_name)
         self._proven = [(node, self._subscribe_proofs(node)) for node in nodes]
+        watches = self._watches.items()
+        self.joys = {name: topic for topic, (kind, name, _) in watches if kind == 'operator'}
 
     def _subscribe(self, listened: Listened, watch: PublisherWatch) -> None:
         _, kind, name, message_type, take = listened
@@ -246,7 +249,7 @@ class ButtonTopic:
         """Count its publishers."""
         self._watch.counted(self._node.count_publishers(self._topic))
 
-    def problem(self, now: float) -> str | None:
+    def problem(self, now: float) -> Coded | None:
         """Return why it could not reset now, in words; None if it could."""
         return self._button.problem(now)
 

@@ -84,7 +84,7 @@ class JoyMapping:
     :param pressed_at: least value of a held button. 1 or more; switches with raw values need more
         than 1.
     :param levels: factors of the demand, each above 0 and at most 1, by the value of
-        ``level_button``: the first one is for 0 and below, the last one for all beyond.
+        ``level_button``: the first one is for 0. A value without one has the least.
     :param level_button: index of a button or switch; -1: none, and one level.
     :param axis_buttons: for each stick the index of a button that has to be held for it to count;
         -1: none. Empty: none for all.
@@ -182,7 +182,8 @@ class JoyMapping:
         demand = self._mix(values)
         if self.level_button < 0:
             return demand
-        level = self.levels[min(max(buttons[self.level_button], 0), len(self.levels) - 1)]
+        value = buttons[self.level_button]
+        level = self.levels[value] if 0 <= value < len(self.levels) else min(self.levels)
         return tuple(level * each for each in demand)
 
     def _mix(self, values: Demand) -> Demand:

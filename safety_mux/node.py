@@ -394,6 +394,7 @@ class SafetyMux(ManagedNode):
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
             old_stamps=self._intake.old_stamps,
             ends=self._intake.ends.words,
+            joys=self._inputs.joys,
             refused_reset=self._refused_reset,
             proofs=self._inputs.proofs(now),
             tried=self._tried,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import in_words
 from safety_mux.inputs import Input
 from safety_mux.protocol import AUTONOMY, Demand, milliseconds, OperatorSample
@@ -156,7 +157,7 @@ class OperatorInput(OwnerInput):
         """The release of the deadman, in words; None while it is held."""
         return None if self.holding else f'{self.label} released its deadman'
 
-    def unrest(self, now: float) -> str | None:
+    def unrest(self, now: float) -> Coded | None:
         """Return why a fresh operator is not at neutral; None if it is, or is not fresh."""
         if not self.fresh(now):
             return None
@@ -167,7 +168,7 @@ class OperatorInput(OwnerInput):
             return self._coded('busy', text)
         return None
 
-    def advice(self, now: float) -> str:
+    def advice(self, now: float) -> Coded:
         """Return what a fresh and valid operator has to do to take control."""
         del now
         if self.rested:
@@ -238,7 +239,7 @@ class AutonomyInput(OwnerInput):
         """Tell whether it has rested until now: silence as long as a rest is none."""
         return self.rested and now - self.rest.until < self.neutral_time
 
-    def advice(self, now: float) -> str:
+    def advice(self, now: float) -> Coded:
         """Return what is missing before autonomy, fresh and valid, can be selected."""
         if self.rests(now):
             return self._coded('select', 'call ~/select_autonomy to give autonomy control')

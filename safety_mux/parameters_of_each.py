@@ -201,7 +201,7 @@ OPERATOR = (
         'speed_levels',
         [1.0],
         'Factors of scale, by the value of speed_button: the first for 0 (released), the next '
-        'for 1, the last for all beyond.',
+        'for 1. Any other value has the least.',
         above=0.0,
         maximum=1.0,
     ),
@@ -223,7 +223,7 @@ OPERATOR = (
         'buttons',
         [''],
         "Such as 'horn=4': ~/button/horn (std_msgs/Bool) is true while he has control and holds "
-        'button 4 of Joy, pressed since then.',
+        'button 4 of Joy, pressed since then. A Joy without it is malformed.',
     ),
     Parameter(
         'gated_joy',

@@ -132,14 +132,14 @@ class ProvenNode:
         bad = reader.damaged, reader.repeated, reader.unasked
         return ProofReport(self.name, ages, self._of_device, bad, self._creeping(ages))
 
-    def _creeping(self, ages: Sequence[Age]) -> str:
+    def _creeping(self, ages: Sequence[Age]) -> Coded | None:
         known = [age for age in ages if age.worst < math.inf]
         most = max(known, key=lambda age: age.worst / age.limit, default=None)
         self._creeps = most is not None and most.worst / most.limit >= (
             _CREEPS_UNTIL if self._creeps else _CREEPS_FROM
         )
         if most is None or not self._creeps:
-            return ''
+            return None
         text = (
             f'what {self.name} says was up to {in_words(most.worst)} old, the limit of '
             f'{most.label} is {in_words(most.limit)}: look at the network to it'

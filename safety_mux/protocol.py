@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, NamedTuple, Protocol
 
+from bridge_core.reasons import Coded
+
 MOST_OF_A_JOINT = 1e6  # the greatest limit that a joint may have
 AUTONOMY = 'autonomy'  # the owner's name while no operator has control
 
@@ -120,7 +122,7 @@ class Stop(NamedTuple):
     """
 
     cause: str
-    reason: str
+    reason: Coded
     category: int = 0
 
 
@@ -150,20 +152,22 @@ class Status:
     :param slowed: what limits the speed at this moment, in words.
     :param drives_enabled: each drive says so; None: none is there that could.
     :param drives_ready: motion waits for none of them.
+    :param refused: operators who hold their deadman and have no control by it.
     """
 
     state: State
     owner: str | None
-    inhibits: tuple[str, ...]
+    inhibits: tuple[Coded, ...]
     ages: Mapping[str, float]
     conditions: Mapping[str, str]
     stops_clear: bool
     operators_at_rest: bool
     tripped: bool
     last_transition: Transition
-    slowed: tuple[str, ...] = ()
+    slowed: tuple[Coded, ...] = ()
     drives_enabled: bool | None = None
     drives_ready: bool = True
+    refused: tuple[str, ...] = ()
 
 
 class Age(NamedTuple):
@@ -182,14 +186,14 @@ class ProofReport(NamedTuple):
     :param ages: of its inputs that have to be proven. :param of_device: s, how old at most is what
         the node goes by, as it says: a remote's bridge by its device, a drive by the mux;
         infinite: unknown. :param bad: messages that were damaged, repeated, or answered nothing.
-    :param creeping: its words grow old, in words; empty: they do not.
+    :param creeping: its words grow old, in words; None: they do not.
     """
 
     node: str
     ages: Sequence[Age]
     of_device: float
     bad: tuple[int, int, int]
-    creeping: str
+    creeping: Coded | None
 
 
 def milliseconds(seconds: float) -> str:

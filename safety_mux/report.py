@@ -41,18 +41,20 @@ class Surroundings(NamedTuple):
     :param proofs: of nodes that may prove how old their words are.
     :param tried: what the trial of the machine says of the parameters; None: there is none.
     :param ends: which joints are near a soft end, in words.
+    :param joys: by operator, the full name of its topic.
     """
 
     unheard: str
     unpublished: Sequence[str]
-    button: str | None
+    button: Coded | None
     held: Mapping[str, Sequence[str]]
     pressed: Mapping[str, str]
     old_stamps: Mapping[str, str]
     refused_reset: tuple[float, str] | None
     proofs: Sequence[ProofReport] = ()
     tried: Tried | None = None
-    ends: Sequence[str] = ()
+    ends: Sequence[Coded] = ()
+    joys: Mapping[str, str] = {}
 
 
 def unheard(topic: str, listeners: Iterable[str]) -> str:
@@ -71,7 +73,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     """Return it; WARN while the machine is kept from moving."""
     inhibits = [*status.inhibits, *_further_inhibits(status, around, now)]
     stopped = status.state is State.STOPPED
-    warnings: list[str] = [
+    warnings: list[Coded] = [
         Coded(
             'mux.operator.may_be_gone',
             f"operator '{name}' may be gone, and its sender repeat an old message: {why}",
@@ -83,6 +85,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     values = _fields(status)
     values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
     values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
+    values |= {f'joy of {name}': topic for name, topic in around.joys.items()}
     values |= _proven(around.proofs)
     last = status.last_transition
     values['last transition'] = (
@@ -119,6 +122,7 @@ def _fields(status: Status) -> dict[str, Any]:
         'stopped by': ', '.join(status.last_transition.causes) or 'none',
         'stops clear': status.stops_clear,
         'operators at rest': status.operators_at_rest,
+        'deadman refused': ', '.join(status.refused) or 'none',
         'trip active': status.tripped,
     }
     if status.drives_enabled is not None:
@@ -161,9 +165,9 @@ def _known(age: float) -> float | str:
     return age if age < math.inf else 'unknown'
 
 
-def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[str]:
+def _further_inhibits(status: Status, around: Surroundings, now: float) -> list[Coded]:
     """Say what else keeps the machine, or a part of it, still, although the arbiter would not."""
-    why: list[str] = []
+    why: list[Coded] = []
     if around.button is not None and status.state is State.STOPPED:
         why.append(passed_on(around.button, f'the reset button {around.button}'))
     if around.unpublished and not status.state.enables:

@@ -47,13 +47,13 @@ class ResetCalls:
             f'{milliseconds(self._config.clear_time)}, then call ~/reset once'
         )
 
-    def script(self, now: float) -> str:
-        """Say how much of ``reset_silence`` is missing; empty if nothing is."""
+    def script(self, now: float) -> Coded | None:
+        """Say how much of ``reset_silence`` is missing; None if nothing is."""
         if self.last is None or not self.go_on:
-            return ''
+            return None
         silent, limit = now - self.last, self._config.reset_silence
         if silent >= limit:
-            return ''
+            return None
         text = (
             'resets have been called since before the stop, so none counts until there was none '
             f'for {milliseconds(limit)}; the last was {milliseconds(silent)} ago'
@@ -73,9 +73,9 @@ class Trip:
     def __init__(self, config: MuxConfig) -> None:
         self._least = config.clear_time
         self.since: float | None = None
-        self.new: str | None = None
+        self.new: Coded | None = None
 
-    def begin(self, now: float, reason: str) -> None:
+    def begin(self, now: float, reason: Coded) -> None:
         """Begin, or begin again."""
         self.since, self.new = now, reason
 

@@ -6,9 +6,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
+from typing import Protocol
 
 from bridge_core.reasons import Coded
-from safety_mux.protocol import Demand, Limiter
+from safety_mux.protocol import Demand, Limiter, MalformedInput
+
+_NOWHERE = (0.0, 0.0)
+_AHEAD = 1.2  # of what was commanded, so far may a joint have gone
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,31 +45,72 @@ class SoftEnds:
         return math.copysign(min(abs(speed), allowed), speed) + 0.0 if speed else 0.0
 
 
+class Haltable(Limiter, Protocol):
+    """A limiter; see :class:`safety_mux.limits.JointLimiter`."""
+
+    def halt(self, joint: int) -> None:
+        """Set the output of one joint to zero at once. :param joint: its place in a demand."""
+
+
 class EndedLimiter:
     """
     A limiter whose targets keep to the soft ends; see ``Limiter``.
 
-    A joint whose position was not heard does not move.
+    A joint whose position was not heard does not move. One that was told to move since counts as
+    moved, so that a late position frees nothing. Beyond an end the output outwards is 0 at once.
 
     :param ends: by the joint's place in a demand; joints without have none.
     :param names: of all joints, for words.
     """
 
     def __init__(
-        self, limiter: Limiter, ends: Mapping[int, SoftEnds], names: Sequence[str]
+        self, limiter: Haltable, ends: Mapping[int, SoftEnds], names: Sequence[str]
     ) -> None:
         self._limiter = limiter
         self.ends = ends
         self._names = names
         self._positions: dict[int, float] = {}
+        self._told: dict[int, tuple[float, float]] = {}  # rad down and up, since that position
+        self._before: dict[int, float] = {}  # positions before these steps; empty: at rest
+        self._astray: dict[int, tuple[float, float]] = {}  # rad down and up, untold, in motion
         self._held: dict[int, float] = {}  # the share of the last target that is left of it
 
     def hear(self, positions: Sequence[float]) -> None:
-        """Take the positions of the joints that have ends, rad, in their order."""
+        """
+        Take the positions of the joints that have ends, rad, in their order.
+
+        :raises MalformedInput: one did not go where its joint was told to.
+        """
         self._positions = dict(zip(self.ends, positions, strict=True))
+        if self._before and not self._told:
+            return  # there was no step meanwhile
+        strays = [n for n in self._before if self._strays(n)]
+        self._before, self._told = self._positions, {}
+        if strays:
+            self._astray = {}
+            raise MalformedInput(
+                f"position of joint '{self._names[strays[0]]}' goes where it was not told to: "
+                'check its sign and unit, and that it does not wrap'
+            )
+
+    def _strays(self, n: int) -> bool:
+        moved, (down, up) = self._positions[n] - self._before[n], self._told[n]
+        below, above = self._astray.get(n, _NOWHERE)
+        self._astray[n] = _NOWHERE  # who turns it by hand moves it untold
+        if down or up:
+            below, above = below - moved - _AHEAD * down, above + moved - _AHEAD * up
+            self._astray[n] = max(below, 0.0), max(above, 0.0)
+        return max(self._astray[n]) > self.ends[n].slow_zone / 2.0
+
+    def _left(self, n: int, speed: float) -> float:
+        """Return what the end leaves of a speed, by the farthest that the joint may be."""
+        if n not in self._positions:
+            return 0.0
+        down, up = self._told.get(n, _NOWHERE)
+        return self.ends[n].limited(speed, self._positions[n] + (up if speed > 0.0 else -down))
 
     @property
-    def words(self) -> list[str]:
+    def words(self) -> list[Coded]:
         """Say which joints an end slows down or holds."""
         return [
             Coded(
@@ -89,21 +134,34 @@ class EndedLimiter:
             return self._limiter.step(target, dt, scale)
         wanted = list(target)
         self._held = {}
-        for n, end in self.ends.items():
-            position, speed = self._positions.get(n), wanted[n] * scale
+        for n in self.ends:
+            speed = wanted[n] * scale
             if not math.isfinite(speed):
                 continue  # counts as zero
-            allowed = 0.0 if position is None else end.limited(speed, position)
+            allowed = self._left(n, speed)
             if allowed != speed:
                 self._held[n] = allowed / speed
                 wanted[n] = allowed / scale
-        return self._limiter.step(tuple(wanted), dt, scale)
+        self._limiter.step(tuple(wanted), dt, scale)
+        return self._moved(dt)
 
     def ramp(self, dt: float, stop_time: float) -> Demand:
         """Return the next output of a ramp to zero."""
-        return self._limiter.ramp(dt, stop_time)
+        self._limiter.ramp(dt, stop_time)
+        return self._moved(dt)
+
+    def _moved(self, dt: float) -> Demand:
+        """Cut what goes outwards beyond an end, and note where the rest leads."""
+        for n in self.ends:
+            speed = self._limiter.output[n]
+            if speed and not self._left(n, speed):
+                self._limiter.halt(n)
+            way = self._limiter.output[n] * max(dt, 0.0)
+            down, up = self._told.get(n, _NOWHERE)
+            self._told[n] = down + max(-way, 0.0), up + max(way, 0.0)
+        return self.output
 
     def reset(self) -> None:
         """Set the output to zero at once."""
-        self._held = {}
+        self._held, self._before, self._told, self._astray = {}, {}, {}, {}
         self._limiter.reset()

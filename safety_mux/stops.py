@@ -33,10 +33,10 @@ class Stops(Inputs):
         self.owner: OwnerInput | None = None
         self.trips = Trip(config)
         self._owned_until: dict[str, float] = {}  # by name, of former owners
-        self._hold: str | None = None
+        self._hold: Coded | None = None
         self._last_tick: float | None = None
 
-    def hold(self, reason: str | None) -> None:
+    def hold(self, reason: Coded | None) -> None:
         """Stop while there is a reason, such as that the node is not active; None ends it."""
         self._hold = reason
 
@@ -55,7 +55,7 @@ class Stops(Inputs):
                 found.append(Stop(self.owner.label, reason))
         return found if self.feedback is None else found + self._stops_of(self.feedback, now)
 
-    def stop_reasons(self, now: float) -> list[str]:
+    def stop_reasons(self, now: float) -> list[Coded]:
         """Return the same in words."""
         return [stop.reason for stop in self.stops_at(now)]
 
@@ -67,7 +67,7 @@ class Stops(Inputs):
             found.append(Stop(feedback.label, loss))
         return found
 
-    def stalled(self, now: float) -> str | None:
+    def stalled(self, now: float) -> Coded | None:
         """Return how long this process was frozen before this tick; None if it was not."""
         if self._last_tick is None:
             return None

@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import itertools
 import math
 from typing import Any
 
-from bridge_core.device import Device, Hands, Places, Simulation, Trial
+from bridge_core.device import Device, Hands, Places, Simulation, Stick, Switch, Trial
 from ssc_bridge.reasons import REASONS
 
 _INVALID = 0x8000  # of the topics of pulses
@@ -51,6 +52,45 @@ def _turned(values: Mapping[str, Any], seen: Mapping[str, Any]) -> dict[str, flo
     return {name: 0.0 if math.isnan(place) else place for name, place in places.items()}
 
 
+_BESIDE_US = 400  # twice the way from a button's outer threshold to a pulse beyond it
+
+
+def _receiver(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a hand does at the transmitter, if its receiver is an operator."""
+    axes, buttons = (list(filter(None, values[name])) for name in ('axes', 'buttons'))
+    if not axes + buttons:
+        return {}
+    return {
+        'axes': tuple(_axis(values, name) for name in axes),
+        'buttons': tuple(_button(values, name) for name in buttons),
+        'off': Switch(
+            'the transmitter (out of range and without a battery are the same on the wire); '
+            'switch it on',
+            ('link off',),
+            ('link on',),
+        ),
+    }
+
+
+def _axis(values: Mapping[str, Any], name: str) -> Stick:
+    channel, low, centre, high, is_reversed = (
+        values[f'calibration.{name}.{part}']
+        for part in ('channel', 'min_us', 'centre_us', 'max_us', 'reversed')
+    )
+    return Stick(f'channel {channel} {{}}', low if is_reversed else high, centre)
+
+
+def _button(values: Mapping[str, Any], name: str) -> Stick:
+    """Return one whose pulses lie between the thresholds."""
+    channel, thresholds, is_reversed = (
+        values[f'button.{name}.{part}'] for part in ('channel', 'thresholds_us', 'reversed')
+    )
+    edges = [thresholds[0] - _BESIDE_US, *thresholds, thresholds[-1] + _BESIDE_US]
+    pulses = [(low + high) / 2 for low, high in itertools.pairwise(edges)]
+    rest, full = pulses[:-3:-1] if is_reversed else pulses[:2]
+    return Stick(f'channel {channel} {{}}', full, rest)
+
+
 DEVICE = Device(
     name='ssc_bridge',
     node_class='SscBridge',
@@ -79,6 +119,7 @@ DEVICE = Device(
             'pulse_outputs', 'UInt16MultiArray', lambda values, each: _places(values, each.data)
         ),
         idle=_idle,
+        by_values=_receiver,
         obeys=('commands not obeyed because', 'they are'),
     ),
     decoders='ssc_bridge.decoders:DECODERS',

@@ -39,4 +39,28 @@ ssc.command.stop: stop, operator: SSC: its command channel says stop
     -> Switch the transmitter on
     -> Move its switch
     -> Check receiver and pulse input 1
+ssc.command.none: echo, integrator: SSC: nobody commands its outputs
+    outputs at failsafe: no fresh command for …; start the node that commands them
+    -> Start the node that commands them
+ssc.inputs.silent: note, integrator: SSC: no pulse inputs come
+    check poll_rates, and the wire from our TX to R1: no pulse inputs come …
+    -> Check poll_rates
+    -> Check the wire from our TX to R1
+ssc.stick.faulty: stop, technician: SSC: a control has no believable pulse
+    no believable pulse: …; check the receiver, its cables and the calibration
+    -> Check the receiver and its cables
+    -> Check the calibration
+ssc.servo.missing: note, integrator: SSC: there is no output for {servo}
+    servo …: there is no output …, only …; check servo.….channel
+    -> Correct servo.<name>.channel
+ssc.output.elsewhere: note, operator: SSC: output {output} obeys another source
+    …: output … is on …, not on SERIAL, so that commands have no effect; …
+    -> Move the transmitter's switch to SERIAL
+    -> See the switch table of its configuration
+ssc.line.full: note, integrator: SSC: its line is full
+    messages … the SSC need … bit/s, the line has …: lower poll_rates, command_rate or …
+    -> Lower poll_rates, command_rate or its own rates
+ssc.link.looped: note, technician: SSC: our own frames come back
+    is RX wired to TX, or echo on? Our own frames come back
+    -> Look for RX wired to TX, or an echo
 """)

@@ -11,6 +11,7 @@ from typing import Any
 
 from akron_can_bridge.session import Session, Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.reasons import Coded
 from stage.akron_bus import Bench as UnitBench
 from stage.akron_session_rig import MOVE, REST
 
@@ -73,7 +74,7 @@ class Bench(UnitBench):
         return self.ours.session
 
     @property
-    def reasons(self) -> list[str]:
+    def reasons(self) -> list[Coded]:
         return self.session.stop_reasons(self.now)
 
     def move(self) -> Bench:

@@ -13,6 +13,7 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.framing import Decoder
+from bridge_core.reasons import Coded
 from bridge_core.report import LinkStatus, Report
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import TransportError
@@ -132,7 +133,9 @@ class FakeSession(Session[Any, bytes, str]):
 
     def interrupted(self, reason: str, now: float) -> None:
         self._call('interrupted')
-        self._pending = self._change(Verdict.stop(reason, link_up=False))
+        self._pending = self._change(
+            Verdict.stop(Coded('link.interrupted', reason), link_up=False)
+        )
 
     def _change(self, verdict: Verdict) -> list[Any]:
         before, self.verdict = self.verdict, verdict
@@ -144,7 +147,7 @@ class FakeSession(Session[Any, bytes, str]):
     def _judge(self, now: float) -> Verdict:
         raise NotImplementedError
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         raise NotImplementedError
 
     def receive(self, data: bytes, now: float) -> Output:
@@ -179,7 +182,7 @@ class FakeSession(Session[Any, bytes, str]):
     def frame_age(self, now: float) -> float:
         return math.inf
 
-    def stop_reasons(self, now: float) -> list[str]:
+    def stop_reasons(self, now: float) -> list[Coded]:
         return []
 
 

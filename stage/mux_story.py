@@ -26,6 +26,7 @@ import re
 
 import pytest
 
+from bridge_core.reasons import Coded
 from safety_mux.protocol import Decision, Kind, OperatorSample, Reply, State
 from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 from stage.safety_mux_bench import BACK, Bench, DRIVE, HALF, HELD, OFF, REST
@@ -227,7 +228,7 @@ class Story(Bench):
                 'step': lambda: self.run(self.step),
                 'send': self.send,
                 'ready': self.ready,
-                'hold': lambda: arbiter.hold(WHY),
+                'hold': lambda: arbiter.hold(Coded('mux.inactive', WHY)),
                 'unhold': lambda: arbiter.hold(None),
             }
             acts[step]()

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from bridge_core import clock
+from bridge_core.reasons import Coded
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import process
 from bridge_core.transports.child import Child
@@ -138,7 +139,7 @@ class LinkBench(StepBench):
 
     def _interrupt(self, reason: str, now: float) -> None:
         self.on_interrupt()
-        self.wire.on_events([StopChanged(Verdict.stop(reason))], now)
+        self.wire.on_events([StopChanged(Verdict.stop(Coded('link.interrupted', reason)))], now)
 
     def close(self) -> None:
         self.ours.close()

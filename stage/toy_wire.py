@@ -16,6 +16,7 @@ import threading
 from typing import Any
 
 from bridge_core.framing import Decoder
+from bridge_core.reasons import Coded
 from bridge_core.session import Answer, Level, Session as BaseSession, Verdict
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.serial import SerialTransport
@@ -70,10 +71,10 @@ class Session(BaseSession[bytes, str, None]):
     def _judge(self, now: float) -> Verdict:
         if not (self._stop or self.requested):
             return Verdict()
-        return Verdict(True, self._stop, reasons=('toy: stop',))
+        return Verdict(True, self._stop, reasons=(Coded('toy.stop', 'toy: stop'),))
 
-    def _silence(self, now: float) -> str:
-        return f'toy: {self._heard.describe(now)}'
+    def _silence(self, now: float) -> Coded:
+        return Coded('toy.silent', f'toy: {self._heard.describe(now)}')
 
     def _sends_at(self) -> float:
         return self._next
@@ -85,7 +86,7 @@ class Session(BaseSession[bytes, str, None]):
         self._next = now + PERIOD
         return [b'h', *pings]
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         level = Level.ERROR if self.link_up else Level.WARN
         return [(level, text) for text in self.stop_reasons(now)]
 

@@ -20,7 +20,7 @@ STEP = 0.125  # s
 LOADING = 2 * STEP
 PATIENCE = 4  # steps that a wire may take for its farewell
 ROOM = 5  # messages either way: more than there are commands at a time
-STOP, CLEAR = Verdict.stop('device'), Verdict()
+STOP, CLEAR = Verdict.stop(), Verdict()
 
 
 @dataclass(frozen=True)

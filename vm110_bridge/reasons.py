@@ -82,4 +82,52 @@ vm110.link.late: stop, technician: VM-110: its packets come late
 vm110.port.closed: stop, technician: VM-110: its port is closed
     check the network interface and interface_address: the port is not open
     -> Check the network interface and interface_address
+vm110.cable.no_link: note, technician: VM-110: a link hears nothing
+    check cable and the other end, as no valid data has been received: …
+    -> Check its cable and the other end
+vm110.cable.misfit: note, technician: VM-110: a link is set up otherwise
+    compare both ends' configuration: …
+    -> Compare the configuration of both ends
+vm110.cable.interface: note, technician: VM-110: a link interface fails
+    check the link interface module and its cable: …
+    -> Check the link interface module and its cable
+vm110.cable.data: note, integrator: VM-110: a link carries wrong data
+    check the versions and periodic_output_size, as what is exchanged is wrong: …
+    -> Check versions and periodic_output_size
+vm110.ru.tilted: step, operator: VM-110 remote: tilted
+    hold the remote upright: RU … is disabled due to …
+    -> Hold it upright
+vm110.ru.inactive: step, operator: VM-110 remote: switched itself off
+    enable the remote again on itself: RU … is disabled due to …
+    -> Enable it again on itself
+vm110.battery.low: note, operator: VM-110 remote: battery at {percent} %
+    dock or exchange the remote: its battery is at … %
+    -> Dock or exchange it
+vm110.stick.faulty: stop, technician: VM-110 remote: a joystick is broken
+    have the remote repaired: it reports …
+    -> Have the remote repaired
+vm110.command.unheard: note, integrator: VM-110: nobody takes its commands
+    start what subscribes to ~/command: a command of the remote found no listener …
+    -> Start what subscribes to ~/command
+vm110.hold.deaf: stop, technician: VM-110: its relays stay closed
+    find who else sends VRPO to the base unit, or have it repaired: …
+    -> Find who else sends VRPO
+    -> Have the base unit repaired
+vm110.hold.asked: note, operator: VM-110: stopped by this computer
+    end what ~/hold_output asks for, then rearm: VRPO are withheld
+    -> End what ~/hold_output asks for
+    -> Rearm the remote
+vm110.hold.silent: note, integrator: VM-110: ~/hold_output is not heard
+    start what publishes ~/hold_output: VRPO are withheld, as it is silent, …
+    -> Start what publishes ~/hold_output
+vm110.hold.open: note, operator: VM-110: it is stopped already
+    rearm the remote when the cause of hold_output is gone: the relays are open already …
+    -> End the other stops
+    -> Rearm the remote
+vm110.link.others: note, integrator: VM-110: other base units share its group
+    give each base unit a port of its own: … is on this group beside ours …
+    -> Give each base unit a port of its own
+vm110.link.looped: note, technician: VM-110: a controller sends to its input port
+    look for a machine controller that sends to the wrong port: …
+    -> Look for a machine controller with a wrong port
 """)

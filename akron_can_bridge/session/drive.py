@@ -29,14 +29,17 @@ from akron_can_bridge.protocol import (
     Status,
 )
 from akron_can_bridge.session.settings import Settings
-from bridge_core.gate import Gate, Policy
+from bridge_core.gate import Gate, LEAVING, Policy
 from bridge_core.j1939 import CanFrame, J1939Id
+from bridge_core.reasons import Coded
 from bridge_core.session import Pacer
 from bridge_core.watchdog import Watchdog
 
 PAUSE_TIME = 0.2  # for which the pause switch is held: twice the longest period of a joystick
 FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving for its 200 ms
-_FORGOTTEN = 'no frame went out for 200 ms, so the unit forgot what was held'
+_FORGOTTEN = Coded(
+    'akron.forgotten', 'no frame went out for 200 ms, so the unit forgot what was held'
+)
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
 
@@ -151,7 +154,7 @@ class Drive:
         watched = (self._gate.command, self._gate.stop, self.said, self._limited)
         return tuple(each.deadline for each in watched if each is not None)
 
-    def watch(self, now: float, stops: Sequence[str]) -> tuple[str, ...]:
+    def watch(self, now: float, stops: Sequence[Coded]) -> tuple[Coded, ...]:
         """
         Make the frames neutral where anything forbids motion; return why they became so.
 
@@ -163,7 +166,7 @@ class Drive:
             self._rest(now)
         return reasons
 
-    def forbidden(self, now: float, stops: Sequence[str]) -> list[str]:
+    def forbidden(self, now: float, stops: Sequence[Coded]) -> list[Coded]:
         """Say what forbids motion, whatever the command is."""
         return self._gate.forbidden(now, stops)
 
@@ -173,7 +176,7 @@ class Drive:
         late = command is not None and command.expired(now) and not self._is_refused
         return late or self._gate.stop.expired(now)
 
-    def inhibits(self, now: float, stops: Sequence[str]) -> list[str]:
+    def inhibits(self, now: float, stops: Sequence[Coded]) -> list[Coded]:
         """Say why nothing but neutral goes out; empty while commands do."""
         return self._gate.reasons(now, stops)
 
@@ -196,7 +199,7 @@ class Drive:
             return _ALL
         return _NOTHING if self._limited.expired(now) else self._directions
 
-    def set_command(self, command: Command, now: float, stops: Sequence[str]) -> None:
+    def set_command(self, command: Command, now: float, stops: Sequence[Coded]) -> None:
         """Take a command. It counts at once, or once a neutral one has come."""
         self._is_refused = False
         if self._gate.hear_command(now, stops, neutral=command == REST):
@@ -267,7 +270,7 @@ class Drive:
 
     def farewell(self, unit: int | None, now: float) -> list[CanFrame]:
         """Return neutral, and no permission. No switch: a toggle may start what it is to end."""
-        self._gate.shut(['the node leaves'])
+        self._gate.shut([LEAVING])
         self._rest(now)
         frames = self._frames(REST)[: 1 + self._settings.extended]
         if self._settings.soe_permissive and unit is not None:

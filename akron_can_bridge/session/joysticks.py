@@ -24,6 +24,7 @@ from akron_can_bridge.protocol import (
 from akron_can_bridge.session.events import AXIS_NAMES, Sticks
 from akron_can_bridge.session.settings import Settings
 from bridge_core.j1939 import CanFrame
+from bridge_core.reasons import Coded
 from bridge_core.session import HeldButtons, StickStream
 from bridge_core.watchdog import Watchdog
 
@@ -146,9 +147,10 @@ class Joysticks:
     def _present(self, now: float) -> list[tuple[int, tuple[float, CanFrame]]]:
         return [item for item in self._heard.items() if now < item[1][0] + FOREIGN_HOLD]
 
-    def describe(self, addresses: Iterable[int]) -> str:
-        """Say who they are and what to do."""
-        return '; '.join(map(self._describe, addresses))
+    def describe(self, addresses: Iterable[int]) -> Coded | None:
+        """Say who they are and what to do; None: there are none."""
+        text = '; '.join(map(self._describe, addresses))
+        return Coded('akron.foreign', text) if text else None
 
     def present(self, now: float) -> dict[int, str]:
         """Return all that are heard by address, with what they count as."""

@@ -21,24 +21,26 @@ from akron_can_bridge.protocol import (
 )
 from akron_can_bridge.session.asker import in_words
 from akron_can_bridge.session.unit import VERSIONS
+from bridge_core.reasons import Coded, passed_on
 
 if TYPE_CHECKING:
     from akron_can_bridge.session.session import Session
 
-_NO_PAUSE = (
+_NO_PAUSE = Coded(
+    'akron.pause.missing',
     'set pause_on_stop to false: type 81 told of no pause once switch 7 was pressed; no stop '
-    'presses it any more'
+    'presses it any more',
 )
 _SENSORS = ('rotation', 'elevation')
 
 
-def warnings(session: Session, now: float) -> list[str]:
+def warnings(session: Session, now: float) -> list[Coded]:
     """Say what is not a stop but not right either, and what to do."""
     doubted = session.settings.pause_on_stop and session.oscillation.is_doubted
     return [
         *_ignored_causes(session, now),
         *session.doubts(now),
-        *[session.in_setup] * bool(session.in_setup),
+        *filter(None, [session.in_setup]),
         *[_NO_PAUSE] * doubted,
         *_bus_warnings(session, now),
         *_soe_warnings(session, now),
@@ -47,65 +49,70 @@ def warnings(session: Session, now: float) -> list[str]:
     ]
 
 
-def _ignored_causes(session: Session, now: float) -> list[str]:
+def _ignored_causes(session: Session, now: float) -> list[Coded]:
     stops = session.stop_reasons(now)
     ignored = dict.fromkeys(text for text in session.causes(now).values() if text not in stops)
-    return [f'{text} (no stop: estop_on does not list it)' for text in ignored]
+    return [passed_on(text, f'{text} (no stop: estop_on does not list it)') for text in ignored]
 
 
-def _bus_warnings(session: Session, now: float) -> list[str]:
-    finder, texts = session.finder, []
+def _bus_warnings(session: Session, now: float) -> list[Coded]:
+    finder, found = session.finder, {}
     misfit = session.decoder.misfit(now)
     if misfit and session.link_up:
-        texts.append(f'a message is not as in the manual: {misfit}; ask its maker')
+        found['misfit'] = f'a message is not as in the manual: {misfit}; ask its maker'
     if finder.namesake is not None:
-        texts.append(
+        found['namesake'] = (
             f'another device (NAME {finder.namesake.value:016X}) claims our own address '
             f'{session.settings.source_address:02X}; change its address or source_address'
         )
     rivals = finder.rivals()
     if rivals and finder.unit is not None:
-        texts.append(
+        found['rivals'] = (
             f'{", ".join(rivals)} would do as well as {finder.unit.pin}, which was heard first; '
             'set device_pin'
         )
     if session.joysticks.faulty:
         faulty = ', '.join(session.joysticks.faulty)
-        texts.append(f'the joystick at joy_source reports {faulty}; have it repaired')
-    return texts
+        found['stick'] = f'the joystick at joy_source reports {faulty}; have it repaired'
+    return [Coded(f'akron.bus.{what}', text) for what, text in found.items()]
 
 
-def _soe_warnings(session: Session, now: float) -> list[str]:
+def _soe_warnings(session: Session, now: float) -> list[Coded]:
     outputs = session.unit.broadcast(DigitalOutputs, now)
     if outputs is None or Output.SOE_MODE_ACTIVE not in outputs.outputs:
         return []
     if not session.settings.soe_permissive:
-        return ['SOE mode is active, so the unit moves only with permission; set soe_permissive']
+        text = 'SOE mode is active, so the unit moves only with permission; set soe_permissive'
+        return [Coded('akron.soe.off', text)]
     if session.demand.withheld:
-        return [
+        text = (
             'move the stick to give the SOE permission: each stop takes it back, no reset gives it'
-        ]
+        )
+        return [Coded('akron.soe.withheld', text)]
     return []
 
 
-def _position_warnings(session: Session, now: float) -> list[str]:
+def _position_warnings(session: Session, now: float) -> list[Coded]:
     position = session.unit.broadcast(PositionLimit, now)
     if position is None:
         return []
     texts = []
     if position.calibration in (Status.OFF, Status.ERROR):
-        texts.append('the unit is not calibrated; calibrate it as its reference manual says')
+        text = 'the unit is not calibrated; calibrate it as its reference manual says'
+        texts.append(Coded('akron.position.uncalibrated', text))
     for name, sensor in zip(_SENSORS, (position.rotation, position.elevation), strict=True):
         if sensor.fault is Status.ERROR:
-            texts.append(f'the {name} position is in error; check its sensor')
+            text = f'the {name} position is in error; check its sensor'
+            texts.append(Coded('akron.position.error', text, axis=name))
     return texts
 
 
-def _fault_warnings(session: Session) -> list[str]:
+def _fault_warnings(session: Session) -> list[Coded]:
     faults = session.unit.faults
     if faults is None or not (faults.faults or faults.pcode):
         return []
-    return [f'{in_words(faults)}; see the Error Flash Codes in the reference manual of the device']
+    text = f'{in_words(faults)}; see the Error Flash Codes in the reference manual of the device'
+    return [Coded('akron.fault.told', text)]
 
 
 def values(session: Session, now: float) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from akron_can_bridge.session.unit import NO_FAULT, Unit
 from bridge_core.actuator import ActuatorSession
 from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
 from bridge_core.mux_words import MuxWords
+from bridge_core.reasons import Coded
 from bridge_core.session import Answer, Level, Pacer, Verdict
 
 # Types that count whoever sends them: announcements, and broadcasts of a 6033 and a 6039.
@@ -36,13 +37,19 @@ _FROM_ANYONE = tuple(
 )
 _DIRECTIONS = sum(Permission)
 _NAME_REQUEST = protocol.FieldRequest().to_bytes()
-_IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
-_NOT_INFORMED = 'this node has yet to tell what it knew of the unit before'
+_IN_SETUP = Coded(
+    'akron.busy.setup',
+    'the unit is in setup mode, or may be; call ~/reset_controller once that is done',
+)
+_NOT_INFORMED = Coded(
+    'akron.busy.new', 'this node has yet to tell what it knew of the unit before'
+)
+_STALE = Coded('gate.stale', 'an input is stale', input='input')
 # What must not meet a moving unit, and what it is called meanwhile.
 _AT_REST = {
-    Request.ZERO_POSITIONS: 'its zero positions are being set',
-    Request.RESET_CONTROLLER: 'the unit is being reset',
-    Request.ENTER_SETUP: 'the unit is being put into setup mode',
+    Request.ZERO_POSITIONS: Coded('akron.busy.asked', 'its zero positions are being set'),
+    Request.RESET_CONTROLLER: Coded('akron.busy.asked', 'the unit is being reset'),
+    Request.ENTER_SETUP: Coded('akron.busy.asked', 'the unit is being put into setup mode'),
 }
 
 
@@ -76,7 +83,7 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
 
     # -- what is known ----------------------------------------------------------------------------
 
-    def causes(self, now: float) -> dict[Cause, str]:
+    def causes(self, now: float) -> dict[Cause, Coded]:
         """Say what is a stop where ``estop_on`` lists it, and what to do; nothing while closed."""
         if not self._open:
             return {}
@@ -90,21 +97,21 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
             found[Cause.MOTION] = stops.motion(self.motion.describe(now))
         return found
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why nothing but neutral goes to the unit; empty while commands do."""
         stops = [*self.stop_reasons(now), *self._busy(), *self.mux.stops(now)]
         return self.drive.inhibits(now, stops)
 
     @property
-    def in_setup(self) -> str:
-        """Say that the unit is in setup mode, or may be, and what to do; empty: it is not."""
-        return _IN_SETUP if self._in_setup else ''
+    def in_setup(self) -> Coded | None:
+        """Say that the unit is in setup mode, or may be, and what to do; None: it is not."""
+        return _IN_SETUP if self._in_setup else None
 
-    def warnings(self, now: float) -> list[str]:
+    def warnings(self, now: float) -> list[Coded]:
         """Return what is not a stop but not right either, in words."""
         return report.warnings(self, now)
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, as errors but for a unit that is not enabled, and warnings."""
         not_enabled = self.causes(now).get(Cause.ENABLE) if self.link_up else None
         problems = [
@@ -112,7 +119,7 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
             for text in self.stop_reasons(now)
         ]
         if self.drive.stale(now):
-            problems.append((Level.WARN, 'an input is stale'))
+            problems.append((Level.WARN, _STALE))
         return problems + [(Level.WARN, text) for text in self.warnings(now)]
 
     def values(self, now: float) -> dict[str, Any]:
@@ -196,7 +203,7 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
         reasons = tuple(dict.fromkeys(texts))
         return Verdict(bool(reasons), bool(reasons), not self._heard.expired(now), reasons)
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         heard, misfit = self._heard.describe(now), self.decoder.misfit(now)
         return stops.silence(self.settings, self.finder, heard, misfit)
 
@@ -355,15 +362,15 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
 
     # -- questions to the unit --------------------------------------------------------------------
 
-    def _holds(self, now: float) -> list[str]:
+    def _holds(self, now: float) -> list[Coded]:
         """Return all that keeps the frames neutral, apart from the inputs."""
         return [*self.verdict.reasons, *self._busy(), *self.mux.stops(now)]
 
-    def _busy(self) -> list[str]:
+    def _busy(self) -> list[Coded]:
         busy = [text for request, text in _AT_REST.items() if self._asker.is_open(request)]
         if not self._informed:
             busy.append(_NOT_INFORMED)
-        return [*busy, self.in_setup] if self._in_setup else busy
+        return [*busy, _IN_SETUP] if self._in_setup else busy
 
     def _questions(self, now: float) -> list[CanFrame]:
         """Return the requests and polls that are due."""

@@ -46,9 +46,9 @@ def causes(
     kind: int,
     known: Unit,
     faults: FaultStatus | None,
-    foreign: str,
+    foreign: Coded | None,
     now: float,
-) -> dict[Cause, str]:
+) -> dict[Cause, Coded]:
     """
     Return all causes that there are now while the unit is heard, whether they count or not.
 
@@ -57,13 +57,13 @@ def causes(
     """
     found = {Cause.FOREIGN_JOYSTICK: foreign}
     if kind:
-        found[Cause.ENABLE] = _enable_missing(known, now) if kind in CONTROLLERS else ''
+        found[Cause.ENABLE] = _enable_missing(known, now) if kind in CONTROLLERS else None
         mini = kind == MINI_UNIVERSAL
         found[Cause.MOTOR_FAULT] = _mini_faulted(known, now) if mini else _motor_fault(faults)
-    return {cause: found[cause] for cause in Cause if found.get(cause)}
+    return {cause: text for cause in Cause if (text := found.get(cause)) is not None}
 
 
-def motion(what: str) -> str:
+def motion(what: str) -> Coded:
     """Say that the unit moves although nobody asks it to. :param what: oscillates, moves."""
     text = (
         f'stop the unit by its own controls, or call ~/reset_controller: it {what} though nobody '
@@ -72,14 +72,14 @@ def motion(what: str) -> str:
     return Coded('akron.motion', text)
 
 
-def silent(foreign: str, silence: str) -> dict[Cause, str]:
+def silent(foreign: Coded | None, silence: Coded) -> dict[Cause, Coded]:
     """Return the causes while the unit is not heard. :param silence: why it may be."""
     # Nothing else is known then either; said once, whichever of them counts.
     found = dict.fromkeys((Cause.LINK, Cause.ENABLE, Cause.MOTOR_FAULT, Cause.MOTION), silence)
     return {**found, Cause.FOREIGN_JOYSTICK: foreign} if foreign else found
 
 
-def silence(settings: Settings, finder: Finder, heard: str, misfit: str) -> str:
+def silence(settings: Settings, finder: Finder, heard: str, misfit: str) -> Coded:
     """
     Return why the unit may not be heard, and what to do.
 
@@ -107,16 +107,16 @@ def silence(settings: Settings, finder: Finder, heard: str, misfit: str) -> str:
     return Coded('akron.link.silent', text)
 
 
-def _enable_missing(unit: Unit, now: float) -> str:
+def _enable_missing(unit: Unit, now: float) -> Coded | None:
     outputs = unit.broadcast(DigitalOutputs, now)
     if outputs is None:
         return _ENABLE_UNKNOWN
     if Output.ENABLE not in outputs.outputs:
         return _DISABLED
-    return ''
+    return None
 
 
-def _mini_faulted(unit: Unit, now: float) -> str:
+def _mini_faulted(unit: Unit, now: float) -> Coded | None:
     mini = unit.broadcast(MiniOutputs, now)
     if mini is None:
         text = 'faults are not known: no digital outputs (type 84) come'
@@ -124,16 +124,16 @@ def _mini_faulted(unit: Unit, now: float) -> str:
     if MiniOutput.DEVICE_FAULTED in mini.outputs:
         text = 'see its reference manual: the unit reports device faulted'
         return Coded('akron.fault.device', text)
-    return ''
+    return None
 
 
-def _motor_fault(status: FaultStatus | None) -> str:
+def _motor_fault(status: FaultStatus | None) -> Coded | None:
     if status is None:
         text = 'faults are not known: the fault status poll (type 02) has no answer'
         return Coded('akron.fault.unknown', text)
     faults = status.faults & MOTOR_FAULTS
     if not faults:
-        return ''
+        return None
     names = ', '.join(flag_names(faults))
     text = f'check that motor, its wiring, what blocks it: {names} fault'
     return Coded('akron.fault.motor', text, axes=names)

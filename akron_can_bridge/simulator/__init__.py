@@ -9,6 +9,7 @@ from akron_can_bridge.protocol import is_pin
 from akron_can_bridge.simulator.controls import JOYSTICK_TIMEOUT
 from akron_can_bridge.simulator.joystick import JoystickSimulator
 from akron_can_bridge.simulator.motion import PERMISSIVE_TIMEOUT
+from akron_can_bridge.simulator.twin import as_measured
 from akron_can_bridge.simulator.unit import BOOT_TIME, Simulator
 from bridge_core.options import whole_within
 from bridge_core.simulation import help_text, Simulated
@@ -45,6 +46,7 @@ SIMULATORS = {
         help=help_text(Simulator.commands),
         port='can',
         options=_unit_options,
+        as_measured=as_measured,
     ),
     'akron_joystick': Simulated(
         make=lambda options: JoystickSimulator(options.address, extended=options.extended),

@@ -37,11 +37,13 @@ class Controls:
     All that may ask.
 
     :param switch_axes: axis (from 0) and direction that a switch moves.
+    :param timeout: s of silence after which a source's input is cleared.
     """
 
     switch_axes: dict[int, tuple[int, int]]
     physical: dict[int, float] = field(default_factory=dict)  # switches on the unit, by axis
     sources: dict[int, Source] = field(default_factory=dict)
+    timeout: float = JOYSTICK_TIMEOUT
 
     def take_basic(self, address: int, data: bytes, now: float) -> frozenset[int]:
         """Take PGN 64982. Return the switches that it newly turns on."""
@@ -59,7 +61,7 @@ class Controls:
     def expire(self, now: float) -> None:
         """Clear the input of those who are silent."""
         for source in self.sources.values():
-            if now - source.heard >= JOYSTICK_TIMEOUT:
+            if now - source.heard >= self.timeout:
                 source.clear()
 
     def forget_sources(self) -> None:

@@ -26,6 +26,7 @@ class Axis:
 
     :param low: its negative end; degrees, or a share of the way for what is no angle.
     :param speed: a second, at full deflection. :param acceleration: a second squared.
+    :param slowing: a second squared, of one that coasts.
     """
 
     low: float
@@ -34,13 +35,18 @@ class Axis:
     acceleration: float
     position: float = 0.0
     velocity: float = 0.0
+    slowing: float = math.inf
 
     def step(self, seconds: float, demand: float, limits: tuple[float, float]) -> None:
         """Move. :param demand: -1 to 1 of full speed. :param limits: besides the two ends."""
         target = demand * self.speed
-        before = 0.0 if target * self.velocity <= 0 else abs(self.velocity)
-        reached = min(abs(target), before + self.acceleration * seconds)
-        self.velocity = math.copysign(reached, target) if target else 0.0
+        same_way, coasts = target * self.velocity > 0, abs(self.velocity) - self.slowing * seconds
+        if coasts > (abs(target) if same_way else 0.0):
+            self.velocity = math.copysign(coasts, self.velocity)
+        else:
+            before = abs(self.velocity) if same_way else 0.0
+            reached = min(abs(target), before + self.acceleration * seconds)
+            self.velocity = math.copysign(reached, target) if target else 0.0
         # Beyond a limit an axis may stand still or come back.
         low = min(max(self.low, limits[0]), self.position)
         high = max(min(self.high, limits[1]), self.position)
@@ -80,6 +86,7 @@ class Motion:
         self.enabled = True  # its enable input
         self.tells_pause = False  # type 81 says "oscillating" of what runs only, not in a pause
         self.soe = False
+        self.permitted_for = PERMISSIVE_TIMEOUT
         self.faulty: set[int] = set()  # axes from 0
         self.owners: dict[int, str] = {}  # who moves which axis
         self.moved_at = -math.inf  # when an axis moved last
@@ -177,7 +184,7 @@ class Motion:
         if not self.soe or number > 1:
             return True
         bit = 1 << (2 * number + (0 if positive else 1))
-        return at - self._permitted_at < PERMISSIVE_TIMEOUT and bool(self._permitted & bit)
+        return at - self._permitted_at < self.permitted_for and bool(self._permitted & bit)
 
     def _limits(self, number: int) -> tuple[float, float]:
         """Return the soft limits of an axis as positions."""

@@ -42,6 +42,7 @@ _POSITIONED = (1032, 1040, 1042)  # send type 01
 _SWITCH_AXES = {1: (2, 1), 2: (2, -1)}  # pattern stream, fog
 _DISCHARGE_AXIS = {1032: 4, 1040: 3}
 _ROTATION_SENSOR_ERROR = 11
+_ANGLES = {'rotation': 0, 'elevation': 1}
 
 
 def _switch_axes(device_type: int) -> dict[int, tuple[int, int]]:
@@ -350,9 +351,21 @@ class Simulator:
         _set(self.faults, one_of(FAULTS, name), value)
         self.motion.faulty = {n for n in range(5) if f'axis_{n + 1}' in self.faults}
 
+    def _set_speed(self, axis: str, degrees: str) -> None:
+        """Turn by so many degrees a second at full deflection."""
+        self.motion.axes[_ANGLES[axis]].speed = within(degrees, 0.1, 90)
+
+    def _set_slowing(self, axis: str, degrees: str) -> None:
+        """Coast, and lose so many degrees a second each second."""
+        self.motion.axes[_ANGLES[axis]].slowing = within(degrees, 0.1, 1e6)
+
+    def _set_timeout(self, seconds: str) -> None:
+        """Go on for so long after the last frame of a joystick, or permission."""
+        limit = within(seconds, 0.05, 10.0)
+        self.motion.controls.timeout = self.motion.permitted_for = limit
+
     def _set_sensor(self, axis: str, state: str) -> None:
-        place = {'rotation': 0, 'elevation': 1}[axis]
-        self.sensors[place] = {'ok': ON, 'error': ERROR, 'unavailable': ABSENT}[state]
+        self.sensors[_ANGLES[axis]] = {'ok': ON, 'error': ERROR, 'unavailable': ABSENT}[state]
 
     def _set_position(self, axis: str, value: str) -> None:
         moved = self.motion.axes[int(within(axis, 1, len(self.motion.axes))) - 1]
@@ -397,6 +410,9 @@ class Simulator:
         'stow': ('', lambda unit: unit.motion.go(stow=True)),
         'deploy': ('', lambda unit: unit.motion.go(stow=False)),
         'position': ('AXIS DEGREES', _set_position),
+        'speed': ('rotation|elevation DEGREES', _set_speed),
+        'slowing': ('rotation|elevation DEGREES', _set_slowing),
+        'timeout': ('SECONDS', _set_timeout),
         'limit': ('left|right|down|up DEGREES', _set_soft_limit),
         'physical': ('AXIS -1..1', _set_physical),
         'fault': ('NAME on|off', _set_fault),

@@ -334,6 +334,11 @@ class Cost:
             for name, threads in self._since().items()
         }
 
+    def thread(self, name: str) -> float:
+        """Return the per cent of a core since the start of all threads with this name."""
+        found = (each.items() for each in self._since().values())
+        return sum(share for threads in found for n, (share, _) in threads if n.endswith(name))
+
     def threads(self) -> str:
         """Return a table of the threads that cost most, for people."""
         rows = [

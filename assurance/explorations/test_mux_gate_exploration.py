@@ -24,6 +24,7 @@ from bridge_core.framing import Counters
 from bridge_core.gate import Gate, Policy, State
 from bridge_core.mux_words import MuxWords
 from bridge_core.proof import Proof, Reader
+from bridge_core.reasons import Coded
 from bridge_core.session import Asked, Verdict
 
 pytestmark = pytest.mark.computes
@@ -129,8 +130,8 @@ class Actuator(ActuatorSession[bytes, bytes, Any]):
     def _judge(self, now: float) -> Verdict:
         return Verdict()
 
-    def _silence(self, now: float) -> str:
-        return ''
+    def _silence(self, now: float) -> Coded:
+        return self.CLOSED
 
 
 class World(Remembered):

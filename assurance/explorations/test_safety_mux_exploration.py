@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from assurance.explorer import check
+from bridge_core.reasons import Coded
 from rugged_teleop.why.rules import Monitor
 from safety_mux.arbiter import Arbiter
 from safety_mux.feedback import FeedbackInput
@@ -330,7 +331,7 @@ class World:
         if what == 'silent':
             return
         if name == 'mux':
-            arbiter.hold(None if what == 'active' else 'not active')
+            arbiter.hold(None if what == 'active' else Coded('mux.inactive', 'not active'))
         elif name == 'own':
             arbiter.own_estop_message('always', what == 'stop', now)
         elif name in SOURCES:

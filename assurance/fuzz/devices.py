@@ -19,9 +19,10 @@ from esi_drive_bridge.node import EsiDriveBridge
 from esi_drive_bridge.session import Session as EsiSession
 from fort_vsc_bridge.protocol import CanWire, HidWire
 from fort_vsc_bridge.session import Session as FortSession, Settings as FortSettings
+from io_bridge.session import Settings as IoSettings
 from ssc_bridge.node import SscBridge
 from ssc_bridge.session import Session as SscSession, Settings as SscSettings
-from stage import akron_session_rig as akron
+from stage import akron_session_rig as akron, io_rig as io
 from stage.captures import CAN, STREAMS
 from stage.esi_drive_rig import make_settings
 from stage.session_rig import SessionBench
@@ -361,7 +362,32 @@ AKRON = Device(
     memory=3.0,
 )
 
+# I/O box
+
+
+def _io_releases(lately: list[bytes], ever: list[bytes]) -> bool:
+    frames = sound.MODBUS_RTU.anywhere(b''.join(lately))
+    return any(frame[1] == 2 and frame[2] and frame[3] & 3 == 3 for frame in frames)
+
+
+_RELEASED, _PRESSED = io.inputs(*io.RELEASED), io.inputs(*io.PRESSED)
+IO = Device(
+    'io session',
+    partial(io.AskedSession, IoSettings(debounce=0.0, baud=4_000_000)),
+    0.25,
+    _io_releases,
+    (_PRESSED, _RELEASED),  # a fault ends so
+    _PRESSED,
+    (_flipped(_RELEASED),),
+    [
+        whole(_RELEASED, _PRESSED, _RELEASED, io.rtu(0x82, 2)),
+        tuple((0.02, frame) for frame in (_RELEASED, io.inputs(False, True), _RELEASED)),
+    ],
+    [_RELEASED, _PRESSED, io.rtu(15, 0, 0, 0, 4), io.rtu(0x8F, 4), _RELEASED[:3]],
+    sound.MODBUS_RTU.repair,
+)
+
 SESSIONS = (
-    *map(SessionTarget, (VSC, VSC_CAN, VSC_HID, ESI, SSC, AKRON)),
+    *map(SessionTarget, (VSC, VSC_CAN, VSC_HID, ESI, SSC, AKRON, IO)),
     Vm110Target(VM110),
 )

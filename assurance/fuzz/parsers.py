@@ -16,8 +16,10 @@ from assurance.fuzz.mutate import Input, Kit, whole
 from bridge_core.framing import StreamParser
 import esi_drive_bridge.protocol as esi
 import fort_vsc_bridge.protocol as fort
+from io_bridge.modbus import ModbusWire
 import ssc_bridge.protocol as ssc
 from stage.captures import STREAMS
+from stage.io_rig import inputs, rtu, UNIT
 from stage.parser_rig import frames_of
 
 _PAUSES = (0.0, 0.0, 0.0, 0.06, 0.3)  # s; a partial frame is given up after 0.05
@@ -93,6 +95,12 @@ class ParserTarget(Target):
 
 _COMPACT = bytes.fromhex('F0F001E80300') + sound.crc16(bytes.fromhex('01E80300'))
 PARSERS = (
+    ParserTarget(
+        'modbus rtu parser',
+        ModbusWire(UNIT, (0, 1), (), 4_000_000).parser,
+        sound.MODBUS_RTU,
+        [inputs(True, True), rtu(15, 0, 0, 0, 4), rtu(0x82, 2), rtu(0x8F, 4)],
+    ),
     ParserTarget('vsc parser', fort.parser, sound.VSC, STREAMS['fort_serial']),
     ParserTarget('ssc parser', ssc.parser, sound.SSC, STREAMS['ssc']),
     ParserTarget(

@@ -150,6 +150,29 @@ def _fixed(size: int) -> Line:
     )
 
 
+def crc16_modbus(data: bytes) -> bytes:
+    """Return the CRC of Modbus over Serial Line V1.02, 6.2.2."""
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ 0xA001 * (value & 1)
+    return value.to_bytes(2, 'little')
+
+
+def _answer_size(data: bytes, at: int) -> int:
+    """Return the size of a unit's answer: Application Protocol V1.1b3, 6.2, 6.11 and 7."""
+    return {2: 5 + data[at + 2], 15: 8, 0x82: 5, 0x8F: 5}.get(data[at + 1], 0)
+
+
+MODBUS_RTU = Line(
+    b'\x01',  # the unit
+    3,
+    260,
+    _answer_size,
+    lambda data, start, end: data[end - 2 : end] == crc16_modbus(data[start : end - 2]),
+    lambda frame: crc16_modbus(frame[:-2]),
+)
 VSC = _packets(b'\x10\x01', dict(_VSC), 248, 0)
 SSC = _packets(b'\x81\xa1', dict(_SSC), 255, 2)
 ESI_STATUS, ESI_COMMAND = _fixed(12), _fixed(10)

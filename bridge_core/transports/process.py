@@ -27,6 +27,7 @@ import traceback
 from typing import Any, ClassVar
 
 from bridge_core import clock
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Orders, Stage, Supervisor, Times
@@ -244,15 +245,15 @@ class ProcessLink(Link):
     def _be_in_trouble(self, text: str, now: float) -> None:
         self._state.doubt()
         reason = f'the wire of {self.name} does not work, {text}'
-        self._owner.link_changed(reason, False)
+        self._owner.link_changed(Coded('wire.down', reason), False)
         self._state.trouble = reason  # not before it was told
         self._report_trouble(now)
 
     def _report_trouble(self, now: float) -> None:
         self._report_at = now + _REPORT_PERIOD
-        trouble = self._state.trouble
-        status = Status(Level.ERROR, trouble, self._processes())
-        self._owner.on_report(Report(status, Status(Level.ERROR, trouble, {})), now)
+        trouble = passed_on(self._state.trouble, self._state.trouble, 'wire.down')
+        status = Status(Level.ERROR, trouble, self._processes(), [trouble])
+        self._owner.on_report(Report(status, status._replace(values={})), now)
 
     def _processes(self) -> dict[str, Any]:
         pids = ['none' if each is None else each.process.pid for each in (self._wire, self._spare)]
@@ -284,7 +285,8 @@ class ProcessLink(Link):
 
     def _link_changed(self, text: str, ok: bool) -> None:
         if not ok:  # a stop to the owner, whatever the session says of it
-            self._state.said(Verdict.stop(text, link_up=False))
+            reason = passed_on(text, text, 'port.closed')
+            self._state.said(Verdict.stop(reason, link_up=False))
         self._owner.link_changed(text, ok)
 
     def _on_done(self, number: int, error: str) -> None:

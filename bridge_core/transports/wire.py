@@ -20,6 +20,7 @@ import traceback
 from typing import Any, Generic
 
 from bridge_core import clock
+from bridge_core.reasons import passed_on
 from bridge_core.report import LinkStatus, NOT_ACTIVE, Reporter
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
@@ -166,7 +167,8 @@ class Wire(Generic[FrameT]):
 
     def interrupt(self, reason: str, now: float) -> None:
         """Demand a stop: something was lost that may have been one. For the owner's ``pace``."""
-        verdict, told = Verdict.stop(self.status.error, link_up=False), False
+        closed = passed_on(self.status.error, self.status.error, 'port.closed')
+        verdict, told = Verdict.stop(closed, link_up=False), False
         ended: Sequence[Any] = ()
         if self._active is not None and self.status.is_open:
             session = self._active.session

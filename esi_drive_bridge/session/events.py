@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from bridge_core.reasons import Coded
 from bridge_core.session import Verdict
 from esi_drive_bridge.protocol import Status
 
@@ -66,7 +67,7 @@ class AxesVerdict(Verdict):
     """
 
     axes: tuple[bool, ...] = ()
-    stops: tuple[tuple[str, ...], ...] = field(default=(), compare=False)
+    stops: tuple[tuple[Coded, ...], ...] = field(default=(), compare=False)
 
 
 Event = Feedback | EnabledChanged | FaultsChanged | Stopped | EnableRefused

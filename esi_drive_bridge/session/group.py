@@ -10,7 +10,8 @@ from enum import Enum
 import math
 from typing import Any
 
-from bridge_core.gate import Gate, Policy, State
+from bridge_core.gate import Gate, LEAVING, Policy, State
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import Watchdog
 from esi_drive_bridge.axes import to_counts
 from esi_drive_bridge.protocol import (
@@ -29,6 +30,10 @@ from esi_drive_bridge.session.report import astray, held_back, own_silence, stil
 from esi_drive_bridge.session.settings import Settings
 
 PLACE_TIME = 0.05  # s until a status must have come, or answers the packets' mode
+_CLEARING = Coded('esi.clearing', 'errors are being cleared')
+_UNANSWERED = Coded(
+    'esi.position.unanswered', 'wait until the drive has answered packets in position mode'
+)
 _FOLLOW_TIME = 1.0  # s after which what is measured has to be near what is sent
 
 
@@ -67,7 +72,7 @@ class AxisGroup:
         *,
         name: str = '',
         enables: Sequence[str] = ('~/enable',),
-        stops: Callable[[AxisGroup, float], list[str]],
+        stops: Callable[[AxisGroup, float], list[Coded]],
         emit: Callable[[Event], None],
     ) -> None:
         limit = settings.command_timeout
@@ -79,7 +84,7 @@ class AxisGroup:
                 stop=limit,
                 enable=limit,
                 command=limit,
-                waits_for='wait for a status that says where the axis stands',
+                waits_for=Coded('gate.waits', 'wait for a status that says where the axis stands'),
             )
         )
         self.saturations = 0  # command values cut to what 16 bits hold, one an axis and command
@@ -104,14 +109,14 @@ class AxisGroup:
     def _reset(self) -> None:
         self.gate.forget()
         self.phase = Phase.DISABLED
-        self.faults: tuple[str, ...] = ()  # of the newest status
+        self.faults: tuple[Coded, ...] = ()  # of the newest status
         self._status: tuple[AxisStatus, ...] = ()  # the newest
         for watchdog in self._enables.values():
             watchdog.reset()
         self._enable_values = dict.fromkeys(self._enables, False)
         self._counts = self._zeros
         self._asked: tuple[float, ...] = ()  # by the newest command that counts
-        self._saturated: list[str] = []  # what of the newest command was cut, in words
+        self._saturated: list[Coded] = []  # what of the newest command was cut, in words
         self._until = -math.inf  # the end of ENABLING or CLEARING
 
     # What is known.
@@ -133,15 +138,15 @@ class AxisGroup:
         """What a packet says of the axes at rest is known."""
         return self._places.known
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why packets say disable, in words; empty when they say enable."""
         reasons = self.gate.reasons(now, self._stops(now))
         if not reasons or not self.name:
             return reasons
         false = [topic for topic, value in self._enable_values.items() if not value]
-        return [*reasons, *(f'{topic} is not true' for topic in false)]
+        return [*reasons, *(Coded('gate.disabled', f'{topic} is not true') for topic in false)]
 
-    def warnings(self, now: float) -> list[str]:
+    def warnings(self, now: float) -> list[Coded]:
         """Return what is not a stop but not right either, in words."""
         command = self.gate.command
         texts = [] if command is None or command.expired(now) else list(self._saturated)
@@ -163,7 +168,7 @@ class AxisGroup:
         }
         return {f'{self.name} {key}'.lstrip(): value for key, value in values.items()}
 
-    def disobedience(self, now: float) -> list[str]:
+    def disobedience(self, now: float) -> list[Coded]:
         """
         Name the axes that are enabled, though disable is sent for as long as they may take.
 
@@ -234,7 +239,8 @@ class AxisGroup:
         elif not self.enabled:
             # It has had its reason; it must not start again by itself once that is gone.
             names = [name for name, axis in self._lettered() if not axis.enabled]
-            self.shut([f'axis {name} disabled itself' for name in names], now)
+            text = 'axis {} disabled itself'
+            self.shut([Coded('esi.disabled', text.format(name), axis=name) for name in names], now)
 
     # What is asked.
 
@@ -264,7 +270,7 @@ class AxisGroup:
         self.gate.reject_command(reason, now)
         self.watch(now)
 
-    def set_enable(self, topic: str, value: bool | None, now: float) -> tuple[str, ...]:
+    def set_enable(self, topic: str, value: bool | None, now: float) -> tuple[Coded, ...]:
         """Take an enable input, as of Gate; return why it goes true in vain, in words."""
         self._enables[topic].feed(now)
         if value is None:
@@ -287,14 +293,14 @@ class AxisGroup:
         if value:
             self.watch(now)
 
-    def shut(self, reasons: Sequence[str], now: float) -> None:
+    def shut(self, reasons: Sequence[Coded], now: float) -> None:
         """Stop for these reasons."""
         self.gate.shut(reasons)
         self.watch(now)
 
     def leave(self, now: float) -> None:
         """Stop for good; what is asked last is to disable."""
-        self.shut(['the node leaves'], now)
+        self.shut([LEAVING], now)
         self.phase = Phase.DISABLED
 
     def clear_errors(self, now: float) -> None:
@@ -309,10 +315,12 @@ class AxisGroup:
         """Stop what must stop now. :param gap: s since the last look."""
         stops, limit = self._stops(now), self._settings.command_timeout
         if self.phase in _ACTIVE and not 0.0 <= gap <= limit:
-            stops.append(f'this node stalled for {gap * 1e3:.0f} ms, limit {limit * 1e3:.0f} ms')
+            text = f'this node stalled for {gap * 1e3:.0f} ms, limit {limit * 1e3:.0f} ms'
+            stops.append(Coded('esi.stalled', text, gap_s=gap, limit_s=limit))
         if self.phase is Phase.ENABLING and now >= self._until:
             limit = self._settings.enable_timeout
-            stops.append(f'the drive did not become enabled within {limit * 1e3:.0f} ms')
+            text = f'the drive did not become enabled within {limit * 1e3:.0f} ms'
+            stops.append(Coded('esi.not_enabled', text, limit_s=limit))
         reasons = self.gate.watch(now, stops)
         if reasons:
             was_on_the_wire = self.phase in _ON_THE_WIRE
@@ -325,17 +333,20 @@ class AxisGroup:
         elif self.phase is Phase.CLEARING and not now < self._until:
             self.phase = Phase.DISABLED
 
-    def _stops(self, now: float) -> list[str]:
+    def _stops(self, now: float) -> list[Coded]:
         """Return what forbids motion beside the gate's own inputs, in words."""
         reasons = self._line_stops(self, now)
         if self.phase is Phase.CLEARING:
-            reasons.append('errors are being cleared')
+            reasons.append(_CLEARING)
         if self.name:
             stale = [each for each in self._enables.items() if each[1].expired(now)]
-            reasons += [f'{topic} is stale: {dog.describe(now)}' for topic, dog in stale]
+            reasons += [
+                Coded('gate.stale', f'{topic} is stale: {dog.describe(now)}', input=topic)
+                for topic, dog in stale
+            ]
         return reasons if self.phase is Phase.ENABLED else reasons + self._placeless(now)
 
-    def _placeless(self, now: float) -> list[str]:
+    def _placeless(self, now: float) -> list[Coded]:
         """
         Say which position cannot be held.
 
@@ -343,10 +354,14 @@ class AxisGroup:
         mode of our packets (4.3), and the first statuses may answer another mode.
         """
         if self._places.any and not now - self._placed_at >= PLACE_TIME:
-            return ['wait until the drive has answered packets in position mode']
+            return [_UNANSWERED]
         return [
-            f'move {axis.joint} by hand to within {axis.reach}: its measured position is at the '
-            'limit of a packet, so it would move when enabled'
+            Coded(
+                'esi.position.limit',
+                f'move {axis.joint} by hand to within {axis.reach}: its measured position is at '
+                'the limit of a packet, so it would move when enabled',
+                joint=axis.joint,
+            )
             for axis, each in zip(self.axes, self._status, strict=False)
             if axis.mode is Mode.POSITION and each.feedback in (VALUE_MIN, VALUE_MAX)
         ]

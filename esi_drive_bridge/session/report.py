@@ -44,18 +44,22 @@ def held_back(axes: Sequence[Axis], sent: Sequence[int], wanted: Sequence[int]) 
     return ', '.join(texts) or 'none'
 
 
-def astray(axes: Sequence[Axis], sent: Sequence[int], measured: Lettered) -> list[str]:
+def astray(axes: Sequence[Axis], sent: Sequence[int], measured: Lettered) -> list[Coded]:
     """Name the axes that measure something else than they are told, as in another mode."""
     return [
-        f'check that mode and scale of {axis.joint} are as in HiDS, and that nothing holds it: '
-        f'axis {name} measures {each.feedback * axis.si_per_count:.3g} {axis.unit}, and is told '
-        f'{count * axis.si_per_count:.3g}'
+        Coded(
+            'esi.astray',
+            f'check that mode and scale of {axis.joint} are as in HiDS, and that nothing holds '
+            f'it: axis {name} measures {each.feedback * axis.si_per_count:.3g} {axis.unit}, and '
+            f'is told {count * axis.si_per_count:.3g}',
+            joint=axis.joint,
+        )
         for axis, count, (name, each) in zip(axes, sent, measured, strict=True)
         if abs(each.feedback - count) > max(_NEAR, abs(count) // 2)
     ]
 
 
-def own_silence(faults: Sequence[str], gap: float) -> list[str]:
+def own_silence(faults: Sequence[Coded], gap: float) -> list[Coded]:
     """Name this node as the cause of an RS422 error, where it sent nothing for ``gap`` s."""
     why = f'RS422 timeout, as this node sent nothing for {gap * 1e3:.0f} ms: give the computer '
     why += 'less work; call ~/clear_errors if it stays'
@@ -64,17 +68,18 @@ def own_silence(faults: Sequence[str], gap: float) -> list[str]:
     return [passed_on(text, text.replace(RS422_FAULT, why)) for text in faults]
 
 
-def second_axis(status: Status) -> list[str]:
+def second_axis(status: Status) -> list[Coded]:
     """Say that the drive fills bytes that should pad a single axis."""
     if not status.padding:
         return []
-    return [
+    text = (
         'name two joints in joint_names if the drive has two axes: bytes of an axis B came '
         f'({status.padding.hex(" ")}), and nothing commands it'
-    ]
+    )
+    return [Coded('esi.second_axis', text)]
 
 
-def still_enabled(measured: Lettered, limit: float | None) -> list[str]:
+def still_enabled(measured: Lettered, limit: float | None) -> list[Coded]:
     """
     Name the axes that are enabled, and should not be.
 

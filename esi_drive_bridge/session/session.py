@@ -12,7 +12,7 @@ from typing import Any
 from bridge_core.actuator import ActuatorSession
 from bridge_core.gate import State
 from bridge_core.mux_words import MuxWords
-from bridge_core.reasons import Coded
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.session import Answer, Level, Verdict
 from esi_drive_bridge.protocol import AXIS_LETTERS, Command, Status, status_parser
 from esi_drive_bridge.session.events import (
@@ -80,7 +80,7 @@ class Session(ActuatorSession[bytes, Status, Event]):
     def _reset(self) -> None:
         self.status: Status | None = None  # the newest
         self._known: Status | None = None  # whose bits took effect; None: none since the link came
-        self._faults: tuple[str, ...] = ()  # of the newest status
+        self._faults: tuple[Coded, ...] = ()  # of the newest status
         self._own_gap = 0.0  # s; the drive reports a timeout as we sent nothing for so long
         self._clearing: dict[str, tuple[AxisGroup, ...]] = {}  # by request, whose errors
 
@@ -96,22 +96,22 @@ class Session(ActuatorSession[bytes, Status, Event]):
         """Of all axes, or of axis A."""
         return self.groups[0].phase
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why packets say disable, in words; empty when they say enable."""
         return [
-            f'{group.name}: {text}' if group.name else text
+            passed_on(text, f'{group.name}: {text}') if group.name else text
             for group in self.groups
             for text in group.inhibits(now)
         ]
 
-    def warnings(self, now: float) -> list[str]:
+    def warnings(self, now: float) -> list[Coded]:
         """Return what is not a stop but not right either, in words."""
         texts = [*self.settings.line_warnings(), *self.doubts(now)]
         if self.link_up and self.status is not None:
             texts += self.status.warnings() + second_axis(self.status)
         return texts + [text for group in self.groups for text in group.warnings(now)]
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return warnings, and stops as errors: all of them are faults."""
         warnings = [(Level.WARN, text) for text in self.warnings(now)]
         errors = self.stop_reasons(now)
@@ -230,18 +230,18 @@ class Session(ActuatorSession[bytes, Status, Event]):
         stops = tuple((*group.faults, *disobeys) for group in self.groups)
         return AxesVerdict(True, True, True, tuple(reasons), tuple(map(bool, stops)), stops)
 
-    def _stops(self, group: AxisGroup, now: float) -> list[str]:
+    def _stops(self, group: AxisGroup, now: float) -> list[Coded]:
         """Return why this group must not move, as far as drive and line go."""
         verdict = self._verdict(now)
         if isinstance(verdict, AxesVerdict):
             return list(verdict.stops[self.groups.index(group)])
         return list(verdict.reasons)
 
-    def _forbids(self, group: AxisGroup, now: float) -> list[str]:
+    def _forbids(self, group: AxisGroup, now: float) -> list[Coded]:
         """Return why this group must not move, by the age of the mux's words, too."""
         return self._stops(group, now) + self.mux.stops(now)
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         what, to_do = 'silent', "check power, the receive pair, and HiDS's SerialInterfaceEnable"
         if self._garbled(now):
             what = 'garbled'
@@ -311,7 +311,7 @@ class Session(ActuatorSession[bytes, Status, Event]):
         """Stop, as an input may have said so unheard: command or not, enable must rise anew."""
         self._expire(now)
         for group in self.groups:
-            group.shut([reason], now)
+            group.shut([passed_on(reason, reason, 'input.lost')], now)
             group.refuse_command(reason, now)
 
     def set_enable(self, value: bool, now: float) -> None:

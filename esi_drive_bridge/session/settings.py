@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bridge_core.reasons import Coded
 from bridge_core.settings import CheckedSettings, table_of
 from esi_drive_bridge.axes import axes_of, Axis
 from esi_drive_bridge.parameters import PARAMETERS
@@ -59,7 +60,7 @@ class Settings(CheckedSettings):
         layout = layout_of(len(axes), values['single_axis_layout'])
         return cls(axes=axes, layout=layout, **cls.named(values))
 
-    def line_warnings(self) -> tuple[str, ...]:
+    def line_warnings(self) -> tuple[Coded, ...]:
         """Say which direction asks more of the line than it carries (4.5.1)."""
         return (
             *_budget('commands', self.layout.command_size, self.command_rate, self.baud),
@@ -67,9 +68,9 @@ class Settings(CheckedSettings):
         )
 
 
-def _budget(what: str, size: int, rate: float, baud: int) -> list[str]:
+def _budget(what: str, size: int, rate: float, baud: int) -> list[Coded]:
     bits = size * BITS_PER_BYTE * rate
     if bits <= baud:
         return []
     need = f'{what} of {size} bytes at {rate:.0f} Hz need {bits:.0f} bit/s, the line has {baud}'
-    return [f'raise baud in HiDS and here, or lower the rate: {need}']
+    return [Coded('esi.line.full', f'raise baud in HiDS and here, or lower the rate: {need}')]

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import math
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from bridge_core.simulation import Report
 from esi_drive_bridge.simulator.motor import Motor
 
 _ENABLED = 'to enabled'
@@ -17,12 +18,7 @@ _FACT = 'goes on without commands (s)'  # at the speed that it has
 _TURNED = 'turned without commands'
 
 
-class _Stop(NamedTuple):
-    """How a joint came to rest from the moment at which the mux stopped it; rad, s."""
-
-    speed: float
-    time: float
-    angle: float
+_Stop = Mapping[str, float]  # its speed, and time and angle from the mux's stop on; rad, s
 
 
 class _Load(NamedTuple):
@@ -43,7 +39,7 @@ class _Load(NamedTuple):
         return speed * self.delay + speed * speed / 2.0 / self.slowing
 
 
-def as_measured(report: Mapping[str, Any], node: str) -> list[str]:
+def as_measured(report: Report) -> list[str]:
     """
     Return the lines by which the simulator enables, stops and times out as the drive did.
 
@@ -51,60 +47,43 @@ def as_measured(report: Mapping[str, Any], node: str) -> list[str]:
 
     :raises ValueError: no stop of it was measured. :raises KeyError: it is no report.
     """
-    values = report['parameters'][node]
-    joints, gears = list(values['joint_names']), list(values['gear_ratio'])
+    joints, gears = list(report.values['joint_names']), list(report.values['gear_ratio'])
     gears *= len(joints) if len(gears) == 1 else 1
+    standstill = report.of_mux('feedback.standstill', 0.0)
     lines, loads = [], []
     for letter, joint, gear in zip('ab', joints, gears, strict=False):
-        stops = [*_stops(report, joint)]
+        stops = [each for each in report.stops(joint) if each['speed'] > 2.0 * standstill]
         if not stops:
             raise ValueError(f'no stop of {joint} was measured: do the steps motion.* first')
-        load = _load(stops, _standstill(report))
+        load = _load(stops, standstill)
         loads.append(load)
         lines += _lines(letter, load, abs(gear))
-    steps = report['steps']
-    enabling = [
-        number
-        for step in steps
-        if step['name'] in {f'joint.{joint}' for joint in joints}
-        for number in _numbers(step, _ENABLED)
-    ]
+    enabling = [each for joint in joints for each in report.measured(_ENABLED, f'joint.{joint}')]
     if enabling:
         lines.append(f'enabling {min(enabling):.3f}')
-    pulled = [step for step in steps if step['name'].endswith('.cable')]
-    for step in pulled:
-        seconds, turned = step['facts'].get(f'{node}: {_FACT}'), [*_numbers(step, _TURNED)]
+    for seconds, turned in zip(
+        report.facts(f'{report.node}: {_FACT}'),
+        report.measured(_TURNED, f'motion.{report.short}.cable'),
+        strict=False,
+    ):
         if seconds and turned:
-            speed = turned[0] / seconds
+            speed = turned / seconds
             stopping = max(load.angle(speed) for load in loads) / speed
             lines.append(f'timeout {max(0.01, seconds - stopping):.3f}')
     return lines
 
 
-def _standstill(report: Mapping[str, Any]) -> float:
-    found = (values.get('feedback.standstill') for values in report['parameters'].values())
-    return next((float(value) for value in found if value is not None), 0.0)
-
-
-def _stops(report: Mapping[str, Any], joint: str) -> Iterator[_Stop]:
-    least = 2.0 * _standstill(report)
-    for step in report['steps']:
-        stop = step['stopping'].get(joint)
-        if stop and stop['speed'] > least:
-            yield _Stop(stop['speed'], stop['time'], stop['angle'])
-
-
 def _load(stops: Sequence[_Stop], standstill: float) -> _Load:
     """Return what explains the stops, which end at the speed that counts as none."""
-    lost = [stop.speed - standstill for stop in stops]
+    lost = [stop['speed'] - standstill for stop in stops]
     slow = median(
-        2.0 * (stop.speed * stop.time - stop.angle) / speed**2
+        2.0 * (stop['speed'] * stop['time'] - stop['angle']) / speed**2
         for stop, speed in zip(stops, lost, strict=True)
     )
-    delay = median(stop.time - speed * slow for stop, speed in zip(stops, lost, strict=True))
+    delay = median(stop['time'] - speed * slow for stop, speed in zip(stops, lost, strict=True))
     if slow > 0.0 and delay >= 0.0:
         return _Load(delay, 1.0 / slow)
-    decay = median(stop.angle / speed for stop, speed in zip(stops, lost, strict=True))
+    decay = median(stop['angle'] / speed for stop, speed in zip(stops, lost, strict=True))
     return _Load(0.0, math.inf, max(0.001, decay))
 
 
@@ -118,7 +97,3 @@ def _lines(axis: str, load: _Load, gear: float) -> list[str]:
         f'winding {axis} {drag:.5f}',
         f'brake {axis} {torque:.5f} {load.delay:.3f}',
     ]
-
-
-def _numbers(step: Mapping[str, Any], name: str) -> Iterator[float]:
-    yield from (each['value'] for each in step['measured'] if each['name'] == name)

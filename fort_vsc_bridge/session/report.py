@@ -58,7 +58,7 @@ _WEAK_RADIO = Coded(
     '(strength 0), and the next step is a stop',
 )
 _QUIET: dict[
-    Mode | int, str
+    Mode | int, Coded
 ] = {  # why sticks are zeroed without a stop, and what ends it (6.2 to 6.4)
     Mode.REMOTE: Coded(
         'fort.remote.not_operational',
@@ -82,7 +82,7 @@ _SETTINGS_TO_DO = {
 }
 
 
-def quiet_because(heartbeat: Heartbeat | None) -> list[str]:
+def quiet_because(heartbeat: Heartbeat | None) -> list[Coded]:
     """Return why the sticks are zeroed though nothing is a stop, and what ends it."""
     text = _QUIET.get(heartbeat.mode) if heartbeat and not heartbeat.estop else None
     return [text] if text else []
@@ -123,9 +123,9 @@ def remote_status_state(remote: RemoteStatus | None, connected_for: float, to_do
     return f'{to_do}: none comes, so ~/battery and ~/radio_strength are unknown'
 
 
-def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
+def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, Coded]]:
     """Say when the remote's battery has to be charged, and when it is about to be lost."""
-    problems: list[tuple[Level, str]] = []
+    problems: list[tuple[Level, Coded]] = []
     if remote is None:
         return problems
     battery = remote.battery_percent
@@ -138,13 +138,13 @@ def remote_problems(remote: RemoteStatus | None) -> list[tuple[Level, str]]:
 
 def setting_problems(
     states: Mapping[str, str], passed_over: Sequence[str]
-) -> list[tuple[Level, str]]:
+) -> list[tuple[Level, Coded]]:
     """
     Name the settings of the device that are wanted and not in force.
 
     :param states: by name. :param passed_over: parameters that are given, but not written.
     """
-    problems: list[tuple[Level, str]] = []
+    problems: list[tuple[Level, Coded]] = []
     for name, state in states.items():
         if state in _SETTINGS_TO_DO:
             word, to_do = _SETTINGS_TO_DO[state]
@@ -157,12 +157,12 @@ def setting_problems(
     return problems
 
 
-def late(line: LineAge, now: float) -> str:
+def late(line: LineAge, now: float) -> Coded:
     """Say how old what comes over the line may be."""
     return _LATE.filled(in_words(now - line.as_of), in_words(line.limit))
 
 
-def line_problems(line: LineAge | None, *, queues: bool) -> list[tuple[Level, str]]:
+def line_problems(line: LineAge | None, *, queues: bool) -> list[tuple[Level, Coded]]:
     """Say what is not known of the age of what comes, or is more than half of its limit."""
     if not queues:
         return []

@@ -11,6 +11,7 @@ from typing import Any
 from bridge_core.reasons import Coded
 from bridge_core.session import Level, Pacer, Session as BaseSession, StickStream, Verdict
 from bridge_core.watchdog import RateWatch, Watchdog
+from fort_vsc_bridge.display_texts import MuxStatus
 from fort_vsc_bridge.protocol.frames import MessageType, Received, Rejected
 from fort_vsc_bridge.protocol.messages import (
     Gps,
@@ -43,6 +44,7 @@ from fort_vsc_bridge.session.line_age import AGE_KEY, LineAge
 from fort_vsc_bridge.session.send_queue import SendQueue
 from fort_vsc_bridge.session.settings import Settings
 from fort_vsc_bridge.session.software_stop import SoftwareStop
+from fort_vsc_bridge.session.status_display import StatusDisplay
 from fort_vsc_bridge.session.stick_reader import NEUTRAL, StickReader
 from fort_vsc_bridge.session.stops import StopJudge
 
@@ -98,6 +100,8 @@ class Session(BaseSession[Frame, Received, Event]):
         period = 1.0 / settings.heartbeat_rate
         self._pacer = Pacer(period, early=period / 4)
         self._queue = SendQueue(wire)
+        shows = settings.show_status
+        self._display = StatusDisplay(self._queue, settings.wire.check) if shows else None
         self._device = Configurator(settings.to_configure, self._queue)
         self._identity = IdentityReader(self._queue, wanted=settings.read_identity)
 
@@ -134,7 +138,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """State in words of every wanted setting of the device; empty unless configured."""
         return self._device.states
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken controls, what does not come or is not set, and a low battery."""
         wire = self.settings.wire
         problems = super().problems(now)
@@ -166,7 +170,7 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return 'ok', and why the sticks are zeroed."""
         return '; '.join(['ok', *report.quiet_because(self.heartbeat)])
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why the sticks are zeroed though nothing is a stop."""
         del now
         return report.quiet_because(self.heartbeat)
@@ -179,6 +183,7 @@ class Session(BaseSession[Frame, Received, Event]):
             'remote connected': self.remote_connected,
             'software e-stop in use': self._stop.in_use,
             'faulty controls': ', '.join(self.faulty) or 'none',
+            **({'shown on the remote': ' / '.join(self._display.lines)} if self._display else {}),
             'rejected frames': self.rejected,
             'own frames that came back': self.looped_back,
             **report.line_values(self._line, now),
@@ -194,14 +199,18 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def farewell(self, now: float) -> list[Frame]:
         """
-        Return a heartbeat that asks for a stop if the software e-stop is in use, else nothing.
+        Return a heartbeat that asks for a stop if the software e-stop is in use.
 
-        A node that is not part of the stop chain must not trip the machine by being stopped.
+        A node that is not part of the stop chain must not trip the machine by being stopped. What
+        is shown of the mux is taken off the display behind it.
         """
-        if not (self._open and self._stop.in_use):
-            return []
-        self._stop.leaving = True
-        return self._heartbeat_frames(now, at_once=True)
+        frames: list[Frame] = []
+        if self._open and self._stop.in_use:
+            self._stop.leaving = True
+            frames += self._heartbeat_frames(now, at_once=True)
+        if self._open and self._display is not None and self._display.lines:
+            frames += self._queue.due_at_once(UserFeedback(Key.DISPLAY_MODE, 0), now)
+        return frames
 
     def sent(self, frame: Frame, now: float) -> None:
         """Count our heartbeat, or what waited in the queue, as sent."""
@@ -221,6 +230,8 @@ class Session(BaseSession[Frame, Received, Event]):
         self._joystick_alone = False
         self._settled_at = now + self.settings.link_timeout
         self._queue.drop_passing()  # asked while the port was closed, perhaps of another VSC
+        if self._display is not None:
+            self._display.begin(now)
         if self._line is not None:
             self._line.begin(now)
         if self.settings.wire.carries(MessageType.HOST_HEARTBEAT):
@@ -303,14 +314,14 @@ class Session(BaseSession[Frame, Received, Event]):
         """Return what the newest heartbeat says; what this node asked comes back as an echo."""
         assert self._newest is not None
         verdict = self._judgement.judge(self._newest, now)
-        reasons: list[str] = []
+        reasons: list[Coded] = []
         if self._rate is not None and self._rate.exceeded(now):
             reasons.append(report.TWO_VSCS)
         if self._line is not None and self._line.is_late(now):
             reasons.append(report.late(self._line, now))
         return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         wire = self.settings.wire
         what, to_do = 'silent', wire.SILENCE
         if not self._rejected_lately.expired(now):
@@ -367,6 +378,8 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _sends_at(self) -> float:
         due = [self._pacer.due, self._queue.deadline, self._stop.deadline]
+        if self._display is not None:
+            due.append(self._display.deadline)
         if self.verdict.link_up:
             due += [self._device.deadline, self._identity.due]
         if self._line is not None and not self._queue.has(_AGE_QUESTION):
@@ -379,6 +392,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._identity.poll(now)
         if self._line is not None and now >= self._line.ask_at:
             self._queue.put_first(_AGE_QUESTION)
+        if self._display is not None:
+            self._display.poll(now)
         return self._heartbeat_frames(now) + self._queue.due(now)
 
     def _heartbeat_frames(self, now: float, *, at_once: bool = False) -> list[Frame]:
@@ -431,20 +446,33 @@ class Session(BaseSession[Frame, Received, Event]):
         self._expire(now)
         if key not in USER_KEYS and key not in TEXT_KEYS:
             raise ValueError(f'key {key} has no name; keys are 1-9, 90-93')
-        self._queue.put(UserFeedbackName(key, name))
+        self._show([UserFeedbackName(key, name)], now)
+
+    def hear_status(self, status: MuxStatus, now: float) -> None:
+        """Show what the mux says on the remote; with the parameter ``show_status`` only."""
+        self._expire(now)
+        assert self._display is not None
+        self._display.hear(status, now)
 
     def set_display_text(self, text: str, now: float) -> None:
         """
         Queue up to 4 lines of up to 20 characters (CAN: 18); lines not given are blanked.
 
-        Switches the remote to its text display unless a display mode (key 99) was set before.
+        Switches the remote to its text display unless a display mode (key 99) was set before. With
+        ``show_status`` they are shown while the mux is ACTIVE.
 
         :raises ValueError: for too many lines, or a line too long or not printable ASCII.
         """
         self._expire(now)
-        self._queue.put(*text_lines(text))
+        self._show(text_lines(text), now)
         if not self._queue.shows(Key.DISPLAY_MODE):
             self._queue.put(UserFeedback(Key.DISPLAY_MODE, 1))
+
+    def _show(self, messages: list[UserFeedbackName], now: float) -> None:
+        if self._display is not None and messages[0].key in TEXT_KEYS:
+            self._display.take_text(messages, now)
+        else:
+            self._queue.put(*messages)
 
     def get_feedback(self, key: int, now: float) -> None:
         """Queue a question for a key's value; a UserValue event answers; else ValueError."""

@@ -67,6 +67,7 @@ class Settings(CheckedSettings):
     tolerate_faulty_axes: bool = _TABLE['tolerate_faulty_axes'].default
     configure_device: bool = _TABLE['configure_device'].default
     read_identity: bool = _TABLE['read_identity'].default
+    show_status: str = _TABLE['show_status'].default
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,6 +87,10 @@ class Settings(CheckedSettings):
             )
         if self.read_identity and not self.wire.carries(MessageType.SETUP_UNLOCK):
             raise ValueError(f'read_identity = True: transport {self.wire.NAME} cannot ask for it')
+        if self.show_status and not self.wire.carries(MessageType.USER_FEEDBACK_NAME):
+            raise ValueError(
+                f'show_status = {self.show_status!r}: transport {self.wire.NAME} cannot show it'
+            )
         for name in ('joystick_interval_ms', 'heartbeat_interval_ms'):
             interval = getattr(self.device, name)
             if 2e-3 * interval > self.link_timeout:  # one missing message must not be a stop

@@ -27,7 +27,7 @@ from fort_vsc_bridge.protocol.values import (
 ECHO_DELAY = 0.5
 OBEY_TIME = 2.0 * ECHO_DELAY  # a VSC that does not stop within this does not hear us
 ANYBODY = 'the remote, the wired input or a computer (USB HID does not tell which)'
-_NO_REMOTE: dict[int, str] = {
+_NO_REMOTE: dict[int, Coded] = {
     mode: Coded(
         'fort.remote.off',
         'switch the remote on, bring it into reach, acknowledge on it: mode is '
@@ -106,7 +106,7 @@ class StopJudge:
             return Verdict()
         user = heartbeat.estop & EStopBits.USER
         others = heartbeat.estop & ~int(EStopBits.USER)
-        reasons: list[str] = []
+        reasons = []
         if others:
             reasons.append(_pressed(heartbeat, others))
         if user:

@@ -8,21 +8,27 @@ from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 from fort_vsc_bridge.simulator.can import CanSimulator
 from fort_vsc_bridge.simulator.hid import HidSimulator
 from fort_vsc_bridge.simulator.serial import build_frame, build_sentence, Simulator
+from fort_vsc_bridge.simulator.twin import as_measured
 from fort_vsc_bridge.simulator.vsc import BOOT_TIME, HOST_TIMEOUT
 
 _STICKS = {'AXIS': AXIS_NAMES, 'BUTTON': BUTTON_NAMES}
 
 SIMULATORS = {
     'fort_vsc': Simulated(
-        make=lambda _: Simulator(), help=help_text(Simulator.commands, **_STICKS)
+        make=lambda _: Simulator(),
+        help=help_text(Simulator.commands, **_STICKS),
+        as_measured=as_measured,
     ),
     'fort_vsc_can': Simulated(
         make=lambda _: CanSimulator(),
         help=help_text(CanSimulator.commands, **_STICKS),
         port='can',
+        as_measured=as_measured,
     ),
     'fort_vsc_hid': Simulated(
-        make=lambda _: HidSimulator(), help=help_text(HidSimulator.commands, **_STICKS)
+        make=lambda _: HidSimulator(),
+        help=help_text(HidSimulator.commands, **_STICKS),
+        as_measured=as_measured,
     ),
 }
 

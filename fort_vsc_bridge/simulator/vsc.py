@@ -16,11 +16,18 @@ import struct
 from typing import Any, ClassVar
 
 from bridge_core.simulation import obey, one_of, switch, within
-from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Key, Mode, mode_name
+from fort_vsc_bridge.protocol.values import (
+    AXIS_NAMES,
+    BUTTON_NAMES,
+    Key,
+    Mode,
+    mode_name,
+    TEXT_KEYS,
+)
 
 HOST_TIMEOUT = 0.5  # User E-STOP Timeout (7.3.4)
 BOOT_TIME = 1.0
-_SRC, _VSC, _USER = 0x01, 0x04, 0x40
+_USER = 0x40  # of the E-stop indication
 _CHOSEN_MODES = {
     'remote': Mode.REMOTE,
     'operational': Mode.OPERATIONAL,
@@ -60,6 +67,8 @@ class Vsc:
         self.zeros = _ZEROS[0]
         self.transition = 0.0  # s of Remote transition between two modes; not in the manual
         self.position: tuple[float, float] | None = (60.1699, 24.9384)  # degrees
+        self.bits = {'remote': 0x01, 'vsc': 0x04, 'lost': 0x01}  # of its indication, by cause
+        self.falls_silent = False  # while it has lost its remote
         self.radio = True
         self.remote_estop = False
         self.wired_estop = False
@@ -102,11 +111,12 @@ class Vsc:
         self._watch_stops(now)
         self._watch_mode(now)
         frames, self._out = self._out, []
+        silent = self.falls_silent and not self.radio
         for kind, (enabled, interval) in self.messages.items():
             if enabled and now >= self._due[kind]:
                 on_time = self._due[kind] + interval > now
                 self._due[kind] = (self._due[kind] if on_time else now) + interval
-                frames += self._build(kind)
+                frames += [] if silent else self._build(kind)
         return frames
 
     def deadline(self) -> float:
@@ -170,8 +180,9 @@ class Vsc:
         """Return the E-stop bits whose cause is there now."""
         self._host_heard = min(self._host_heard, now)
         silent = self.eeprom[85] == 1 and now - self._host_heard > HOST_TIMEOUT
-        bits = _SRC if self.remote_estop or not self.radio else 0
-        bits |= _VSC if self.wired_estop else 0
+        bits = self.bits['remote'] if self.remote_estop else 0
+        bits |= self.bits['vsc'] if self.wired_estop else 0
+        bits |= 0 if self.radio else self.bits['lost']
         return bits | (_USER if self.host_estop or silent else 0)
 
     def _watch_stops(self, now: float) -> None:
@@ -199,6 +210,17 @@ class Vsc:
     def mode(self) -> Mode:
         """The next one, but while a transition takes its time."""
         return Mode.REMOTE_TRANSITION if self._now < self._settled_at else self._next_mode
+
+    @property
+    def display(self) -> str:
+        """What the remote shows: its own screen but in Operational, where key 99 counts (6)."""
+        if not self._active:
+            stopped = 'E-Stop' if self.unacknowledged else mode_name(self.mode)
+            return f'its own: {stopped if self.radio else "Searching"}'
+        kind = self.values.get(Key.DISPLAY_MODE, 0)
+        if kind == 1:
+            return '\n'.join(self.names.get(key, '') for key in TEXT_KEYS)
+        return f'its own: {("position", "text", "names and values", "values")[kind]}'
 
     def acknowledge(self) -> None:
         """Acknowledge a stop on the remote. :raises ValueError: its cause is still there."""
@@ -267,6 +289,7 @@ class Vsc:
             'charging': self.charging,
             'values': dict(self.values),
             'names': dict(self.names),
+            'display': self.display,
             'rumbles': len(self.rumbles),
             'host_heartbeats': self.host_heartbeats,
             'too_fast': dict(self.too_fast),
@@ -290,6 +313,19 @@ class Vsc:
     def _set_estop(self, source: str, value: str) -> None:
         fields = {'remote': 'remote_estop', 'vsc': 'wired_estop'}
         setattr(self, fields[one_of(fields, source)], switch(value))
+
+    def _set_bits(self, cause: str, bits: str) -> None:
+        """Have the E-stop indication of a cause be this, in hex."""
+        one_of(self.bits, cause)
+        self.bits[cause] = int(within(str(int(bits, 16)), 1, 0xFFFFFFFF))
+
+    def _set_lost(self, what: str) -> None:
+        """Say stop while it has lost its remote, or nothing at all."""
+        self.falls_silent = one_of(('stop', 'silent'), what) == 'silent'
+
+    def _set_watchdog(self, state: str) -> None:
+        """Set its User E-STOP Timeout."""
+        self.eeprom[85] = int(switch(state))
 
     def _set_mode(self, name: str) -> None:
         mode = _CHOSEN_MODES[one_of(_CHOSEN_MODES, name)]
@@ -320,6 +356,9 @@ class Vsc:
         'button': ('BUTTON 0|1', _set_button),
         'fault': ('AXIS|BUTTON ok|error|unavailable', _set_fault),
         'estop': ('remote|vsc on|off', _set_estop),
+        'bits': ('remote|vsc|lost HEX', _set_bits),
+        'lost': ('stop|silent', _set_lost),
+        'watchdog': ('on|off', _set_watchdog),
         'mode': ('remote|operational|menu|pause', _set_mode),
         'zeros': ('values|all|rest', _sets('zeros', lambda text: one_of(_ZEROS, text))),
         'transition': ('SECONDS', _sets('transition', lambda text: within(text, 0.0, 60.0))),

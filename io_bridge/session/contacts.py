@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from bridge_core.reasons import Coded
 from bridge_core.watchdog import in_words
 
 
@@ -58,23 +59,29 @@ class Contact:
         """Tell whether its channels have disagreed for too long since both were pressed."""
         return self._faulty or now >= self._disagree_since + self._discrepancy_time
 
-    def reason(self, now: float) -> str:
-        """Return why it demands a stop, and what to do; empty: it does not."""
+    def reason(self, now: float) -> Coded | None:
+        """Return why it demands a stop, and what to do; None: it does not."""
         if self._released is None:
-            return f'{self.name} was not read yet'
+            return self._coded('unread', f'{self.name} was not read yet')
         if self._released == (False, False):
-            return f'release {self.name}: it is pressed, or both its wires are cut'
+            text = f'release {self.name}: it is pressed, or both its wires are cut'
+            return self._coded('pressed', text)
         if self.faulty(now):
-            return (
+            text = (
                 f'press and release {self.name}, and check its contacts and wires: its channels '
                 f'disagreed for {in_words(self._discrepancy_time)}'
             )
+            return self._coded('discrepant', text)
         if not all(self._released):
             channel = 1 if self._released[1] else 2
-            return f'check the wires of {self.name}: channel {channel} alone says pressed'
+            text = f'check the wires of {self.name}: channel {channel} alone says pressed'
+            return self._coded('one_channel', text, channel=channel)
         if now < self._released_at + self._debounce:
-            return f'wait: {self.name} was released just now'
-        return ''
+            return self._coded('released', f'wait: {self.name} was released just now')
+        return None
+
+    def _coded(self, what: str, text: str, **fields: int) -> Coded:
+        return Coded(f'io.estop.{what}', text, name=self.name, **fields)
 
     def changes_at(self, now: float) -> float:
         """Return when time alone changes what it says next; infinite: never."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from bridge_core.reasons import Coded
 from bridge_core.session import Level, Pacer, Session as BaseSession, Verdict
 from io_bridge.protocol import Answer, Inputs, Refused
 from io_bridge.session.contacts import Contact
@@ -36,7 +37,7 @@ class Panel:
 class Session(BaseSession[bytes, Answer, Panel]):
     """E-stops, a reset button and a key switch while the box answers; lights and a horn."""
 
-    CLOSED = 'plug the box in, and check port: it is not open'
+    CLOSED = Coded('io.port.closed', 'plug the box in, and check port: it is not open')
     DAMAGED = 'check cable, shield and termination, baud, and that no other host asks on this line'
 
     def __init__(self, settings: Settings) -> None:
@@ -71,21 +72,22 @@ class Session(BaseSession[bytes, Answer, Panel]):
         """Return when the newest inputs were asked for."""
         return now - self._heard.age(now)
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, a key in two positions, outputs that are refused or show nothing."""
         problems = super().problems(now)
         if self.link_up and sum(map(self._is_on, self._settings.keys)) > 1:
             text = (
                 'check the wires of the key switch: two positions are on; the lowest speed holds'
             )
-            problems.append((Level.ERROR, text))
+            problems.append((Level.ERROR, Coded('io.key.doubled', text)))
         if self._settings.outputs:
             if (code := self._refusals.get(False)) is not None:
                 text = f'check output_lines: the box refuses to set them (exception {code})'
-                problems.append((Level.ERROR, text))
+                problems.append((Level.ERROR, Coded('io.outputs.refused', text, exception=code)))
             if self._outputs.heard.expired(now):
                 text = f'check state_topic, and start the mux: {self._outputs.heard.describe(now)}'
-                problems.append((Level.WARN, f'{text}; all outputs are off'))
+                text += '; all outputs are off'
+                problems.append((Level.WARN, Coded('io.state.unheard', text)))
         return problems
 
     def values(self, now: float) -> dict[str, Any]:
@@ -170,10 +172,12 @@ class Session(BaseSession[bytes, Answer, Panel]):
         reasons = [reason for each in self._contacts if (reason := each.reason(now))]
         return Verdict.stop(*reasons) if reasons else Verdict()
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         if (code := self._refusals.get(True)) is not None:
-            return f'check lines and unit: the box refuses to read its inputs (exception {code})'
-        return f'{self._wire.silence}: inputs were {self._heard.describe(now)}'
+            text = f'check lines and unit: the box refuses to read its inputs (exception {code})'
+            return Coded('io.inputs.refused', text, exception=code)
+        text = f'{self._wire.silence}: inputs were {self._heard.describe(now)}'
+        return Coded('io.link.silent', text)
 
     def _follow(self, now: float) -> None:
         self._wanted = self._outputs.wanted(now)
@@ -192,7 +196,7 @@ class Session(BaseSession[bytes, Answer, Panel]):
             for line, speed in zip(self._settings.keys, others, strict=True)
             if self._is_on(line)
         ]
-        return Panel(reset, on[0] if len(on) == 1 else min([first, *on]))
+        return Panel(reset, on[0] if len(on) == 1 else first)
 
     def _expires_at(self) -> float:
         now = self._stepped_at

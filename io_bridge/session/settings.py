@@ -64,6 +64,8 @@ class Settings(CheckedSettings):
             raise ValueError(
                 f'key_speeds: {len(self.keys) + 1} are needed for {len(self.keys)} key_lines'
             )
+        if self.keys and self.speeds[0] > min(self.speeds):
+            raise ValueError('key_speeds: the first one must be the least: a cut wire chooses it')
         if self.link_timeout < 4.0 * self.answer_time or self.link_timeout < 3.0 / self.poll_rate:
             raise ValueError(
                 f'link_timeout = {self.link_timeout:g}: has to be four times answer_time and '

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
-from rugged_teleop.commission.parts import deadman, get_ready, stops_of
+from rugged_teleop.commission.parts import stops_of, taking_control
 from rugged_teleop.commission.step import (
     Look,
     Marks,
@@ -40,9 +40,7 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
     """Return a step for each of an operator's deadman buttons, of which all have to be held."""
     indices = machine.values[f'operator.{operator}.deadman_buttons']
     bound = float(machine.values[f'operator.{operator}.timeout'])
-    acts = {index: deadman(machine, operator, index) for index in indices}
-    presses = tuple(press for press, _ in acts.values())
-    releases = tuple(release for _, release in acts.values())
+    phases, releases = taking_control(machine, operator)
     return [
         Step(
             name=f'deadman.{operator}.{index}',
@@ -51,29 +49,17 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
             moves=True,
             undo=releases,
             phases=(
-                get_ready(machine, operator),
-                Phase(f'{operator} in control', _in_control(operator), presses, person=True),
+                *phases,
                 Phase(
                     'its end, and nothing that moves',
                     _let_go(operator, index, bound),
-                    (acts[index][1],),
+                    (release,),
                     person=True,
                 ),
             ),
         )
-        for index in indices
+        for index, release in zip(indices, releases, strict=True)
     ]
-
-
-def _in_control(operator: str) -> Look:
-    """The operator has control."""
-
-    def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        owner = heard.last('status', {}).get('owner')
-        has = heard.last('state') == 'ACTIVE' and owner == operator
-        return Seen(True, f'{operator} has control') if has else None
-
-    return look
 
 
 def _let_go(operator: str, index: int, bound: float) -> Look:
@@ -89,9 +75,7 @@ def _let_go(operator: str, index: int, bound: float) -> Look:
             return None
         if heard.last('state') != 'READY':
             return Seen(False, f'the mux is {heard.last("state")}, not READY')
-        took = Measured(
-            'from its message to the end of control', max(0.0, ended - at), limit=bound
-        )
+        took = Measured('from its message to the end of control', ended - at, limit=bound)
         return Seen(True, 'control has ended', (took,))
 
     return look

@@ -235,7 +235,7 @@ class Engine:
             if phase.resets and now > self._next_reset and self._may_reset():
                 self._reset()
             machine.spin(_SPIN)
-            if not pending or phase.resets:
+            if not pending:
                 seen = phase.look(machine.history, marks, machine.now())
                 if seen is not None:
                     return seen

@@ -21,6 +21,7 @@ from rugged_teleop.commission.step import Act, Phase, Question, Record, Result, 
 ACCEPT = 'accept'  # of answers: by step, why findings are accepted
 _BEGIN = {'unplug', 'kill', 'freeze', 'watch'}  # from then on the eye counts
 _GLANCE = 0.3  # s
+_TRIES, _HELD_UP = 3, 0.2  # of a step; s
 _SEEN = 0.01  # rad that an eye sees
 NO_REASON = 'no reason given'
 
@@ -104,6 +105,8 @@ class Player(Terminal):
 
     :param hand: does an act; False: not by now. :param eye: how far each wheel has turned, rad.
     :param skips: why steps are skipped, by name. :param meter: what one shows at a node's device.
+    :param waited: for how long the machine has waited for a processor by now, s. A step that fails
+        meanwhile is done again: the stack's time-outs are those of a real machine.
     """
 
     person = 2.0
@@ -115,15 +118,17 @@ class Player(Terminal):
         eye: Callable[[], Mapping[str, float]],
         skips: Mapping[str, str],
         meter: Callable[[str], str],
+        waited: Callable[[], float] = lambda: 0.0,
     ) -> None:
         super().__init__(answers)
+        self._waited, self._begun, self._tries = waited, 0.0, ('', 0)
         self._hand, self._eye, self._skips, self._meter = hand, eye, skips, meter
         self._before: Mapping[str, float] = {}
         self._looked: Mapping[str, float] = {}  # when that was asked for
 
     def begin(self, step: Step) -> str:
         """Announce a step; return 'run', 'leave', or why it is skipped."""
-        self._before, self._looked = self._eye(), {}
+        self._before, self._looked, self._begun = self._eye(), {}, self._waited()
         return self._skips.get(step.name) or 'run'
 
     def accept(self, step: Step, problems: Sequence[str]) -> str:
@@ -149,6 +154,7 @@ class Player(Terminal):
                 'which': most,
                 'way': 'forward' if ways[most] > 0.0 else 'back',
                 'turns': f'{abs(ways[most]) / (2.0 * math.pi):.3f}',
+                'turned': f'{math.degrees(ways[most]):.2f}',
                 'degrees': f'{abs(math.degrees(ways[most])):.2f}',
             }
         if question.name == 'where':
@@ -172,9 +178,15 @@ class Player(Terminal):
         return ''
 
     def tell(self, record: Record) -> bool:
-        """Print what came of a step."""
+        """Print what came of a step; repeat one that failed on a busy computer."""
         _say(f'{record.name}: {words_of(record)}')
-        return False
+        name, tries = self._tries
+        self._tries = record.name, tries + 1 if name == record.name else 1
+        waited = self._waited() - self._begun
+        again = record.result is Result.FAILED and waited > _HELD_UP and self._tries[1] < _TRIES
+        if again:
+            _say(f'   again: its processes waited {waited:.1f} s for a processor')
+        return again
 
 
 def given(answers: Mapping[str, Any], step: str, name: str) -> str:

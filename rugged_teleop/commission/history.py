@@ -9,6 +9,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.recordings import Said
 from rugged_teleop.why.events import wire_changes
 
@@ -29,9 +30,9 @@ class History:
         self._channels: dict[str, tuple[list[float], list[Any]]] = {}
 
     def add(self, channel: str, at: float, value: Any) -> None:
-        """Keep a value."""
+        """Keep a value, behind those that are there."""
         times, values = self._channels.setdefault(channel, ([], []))
-        times.append(at)
+        times.append(max(at, times[-1]) if times else at)
         values.append(value)
         if len(times) > 2 * _KEPT:
             del times[:_KEPT], values[:_KEPT]
@@ -67,10 +68,23 @@ class History:
         """Return when the first wanted value came since then."""
         return next((when for when, value in self.since(channel, at) if wanted(value)), None)
 
-    def on_wire(self, way: str, at: float, wanted: bool) -> tuple[float, str] | None:
-        """Return when a wire first changed to this since then, and whose; see ``wire_changes``."""
+    def on_wire(self, way: str, at: float, wanted: bool, node: str = '') -> float | None:
+        """
+        Return when a wire first changed to this since then; see ``wire_changes``.
+
+        :param node: whose wire; empty: any.
+        """
         said: list[Said] = [each for _, each in self.since('raw', at - _OVERLAP)]
-        for moment, node, value, is_first in wire_changes(said, way):
-            if moment - self.epoch >= at and value is wanted and not is_first:
-                return moment - self.epoch, node
+        for moment, whose, value, is_first in wire_changes(said, way):
+            is_it = value is wanted and not is_first and node in ('', whose)
+            if is_it and moment - self.epoch >= at:
+                return moment - self.epoch
         return None
+
+    def last_frame(self, node: str, at: float) -> float | None:
+        """Return when a device was heard last up to then, by its bytes."""
+        topic = f'{node}/raw/received'
+        said = (each for _, each in self.since('raw', at - _OVERLAP) if each.topic == topic)
+        pieces = (piece for each in said for piece in pieces_of(each))
+        times = (piece.at - self.epoch for piece in pieces if piece.at is not None)
+        return max((each for each in times if each <= at), default=None)

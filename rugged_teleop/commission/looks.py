@@ -20,6 +20,7 @@ _REST = 0.05
 _HELD = 1.0  # s for which a button has to stay pressed
 _RESTED = 0.5  # s for which all has to be at rest
 _MOVES = 0.5  # s for which joints have to move, and to stand
+_NEAR = 0.1  # of what is told, or of the way between soft ends
 _BATCH = 0.3  # s; what ~/raw carries comes so late
 _STEADY = 3.0  # s over which an age is watched
 
@@ -27,14 +28,20 @@ State = str
 END_OF = 'end of '  # of a cause: a channel
 
 
-def ready(operator: str = '') -> Look:
-    """The mux is READY. :param operator: whose deadman counts then, too."""
+def ready(operator: str = '', source: str = '') -> Look:
+    """
+    The mux is READY.
+
+    :param operator: whose deadman counts then, too. :param source: of a stop that is clear then,
+        too: READY says so only of those that always count.
+    """
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         status = heard.last('status', {})
         rested = not operator or status.get(f"condition of operator '{operator}'") == 'rested'
         is_ready = heard.last('state') == status.get('state') == 'READY'
-        return Seen(True, 'ready') if is_ready and rested else None
+        clear = not source or heard.last(f'estop {source}') is False
+        return Seen(True, 'ready') if is_ready and rested and clear else None
 
     return look
 
@@ -54,18 +61,20 @@ def pressed(source: str, node: str, bound: float, counts: bool = True) -> Look:
             return None
         began, of_what = began_at(heard, marks['since'], said, node)
         what = 'STOPPED' if counts else 'its topic'
-        took = Measured(f'from {of_what} to {what}', max(0.0, ended - began), limit=bound)
-        return Seen(True, f'seen: {source} demands a stop', (took,), {'began': began})
+        took = Measured(f'from {of_what} to {what}', ended - began, limit=bound)
+        measured = (took,) if of_what != what else ()
+        return Seen(True, f'seen: {source} demands a stop', measured, {'began': began})
 
     return look
 
 
 def began_at(heard: History, since: float, said: float, node: str) -> tuple[float, str]:
-    """Return when the stop came from the device, by its frame if ~/raw is there."""
-    frame = heard.on_wire('received', since, True)
-    if frame is not None and frame[1] == node and frame[0] <= said:
-        return frame[0], "the device's frame"
-    return said, 'its topic'
+    """Return when the stop came from the device, or it was heard last, if ~/raw is there."""
+    frame = heard.on_wire('received', since, True, node) if node else None
+    if frame is not None and frame <= said:
+        return frame, "the device's frame"
+    last = heard.last_frame(node, said)
+    return (said, 'its topic') if last is None else (last, "the device's last frame")
 
 
 def refused(heard: History, marks: Marks, now: float) -> Seen | None:
@@ -203,19 +212,98 @@ def moving(operator: str, standstill: float) -> Look:
     return look
 
 
+def in_control(operator: str) -> Look:
+    """The operator has control."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        owner = heard.last('status', {}).get('owner')
+        has = heard.last('state') == 'ACTIVE' and owner == operator
+        return Seen(True, f'{operator} has control') if has else None
+
+    return look
+
+
+def held_still(operator: str, *, at_once: bool) -> Look:
+    """
+    The operator has control, and nothing is told to move for a while.
+
+    :param at_once: False: a ramp may come before.
+    """
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        owner = heard.last('status', {}).get('owner')
+        moves = heard.first('command', marks['since'], lambda each: any(each.values()))
+        if at_once and moves is not None:
+            return Seen(False, 'motion was commanded without the button')
+        since = max(marks['since'], now - _MOVES)
+        told = [any(each.values()) for _, each in heard.since('command', since)]
+        long = now - marks['since'] >= _MOVES
+        is_so = heard.last('state') == 'ACTIVE' and owner == operator and told and not any(told)
+        return Seen(True, 'nothing is told to move') if long and is_so else None
+
+    return look
+
+
+def scaled(ratio: float) -> Look:
+    """What is commanded has become so many times as fast."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        before = _fastest(heard.before('command', marks['since']) or {})
+        since = max(marks['since'], now - _MOVES)
+        told = [_fastest(each) for _, each in heard.since('command', since)]
+        if not before or not told or now - marks['since'] < _MOVES:
+            return None
+        near = all(abs(each - ratio * before) <= _NEAR * ratio * before for each in told)
+        words = f'{told[-1]:.2f} rad/s in the place of {before:.2f}'
+        return Seen(True, words) if near else None
+
+    return look
+
+
+def at_soft_end(joint: str, least: float, most: float) -> Look:
+    """A joint is told to go on, and stands at a soft end. It must not be beyond one."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        since = max(marks['since'], now - _MOVES)
+        places = [each[joint] for _, each in heard.since('positions', since) if joint in each]
+        if not places or now - marks['since'] < _MOVES:
+            return None
+        near = _NEAR * (most - least)
+        if not least - near <= places[-1] <= most + near:
+            return Seen(False, f'{joint} is at {places[-1]:.3g} rad, beyond its soft end')
+        ends = min(abs(places[-1] - end) for end in (least, most)) <= near
+        stands = max(places) - min(places) <= _NEAR * near
+        if not ends or not stands:
+            return None
+        ways = {'from': marks.get('place', places[-1]), 'place': places[-1]}
+        return Seen(True, f'{joint} stands at {places[-1]:.3g} rad', (), ways)
+
+    return look
+
+
 def _fastest(joints: dict[str, float]) -> float:
     return max((abs(speed) for speed in joints.values() if math.isfinite(speed)), default=0.0)
 
 
 def disabled(
-    cause: str, node: str, bound: float, state: State = 'STOPPED', pushed: int = 0
+    cause: str,
+    node: str,
+    bound: float,
+    state: State = 'STOPPED',
+    pushed: int = 0,
+    remote: str = '',
 ) -> Look:
     """
     The drive is disabled, and the mux has the state that belongs to the cause.
 
     :param cause: 'estop NAME'; 'joy NAME', whose button ``pushed`` is released; 'end of CHANNEL';
         or empty: what was done.
+    :param remote: the operator whose remote stops, if it is one: its sticks may rest before it
+        says so, and then that is the cause.
     """
+
+    def let_go(heard: History, joy: str, since: float) -> float | None:
+        return heard.first(joy, since, lambda each: not any(each[1][pushed : pushed + 1]))
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = marks['since']
@@ -225,23 +313,26 @@ def disabled(
         if state and heard.first('state', since, lambda each: each == state) is None:
             return None
         packet = heard.on_wire('sent', since, False)
-        ended = min(packet[0], off) if packet else off
+        ended = min(packet, off) if packet else off
         began, of_what = since, 'what was done'
         if cause.startswith('estop '):
             said = heard.first(cause, since, bool)
             if said is None:
                 return None
             began, of_what = began_at(heard, since, said, node)
+            rested = let_go(heard, f'joy {remote}', since)
+            if rested is not None and rested < began:
+                began, of_what = rested, 'its sticks at rest'
         elif cause.startswith('joy '):
-            let_go = heard.first(cause, since, lambda joy: joy[1][pushed : pushed + 1] != [1])
-            if let_go is None:
+            rested = let_go(heard, cause, since)
+            if rested is None:
                 return None
-            began, of_what = let_go, 'its message'
+            began, of_what = rested, 'its message'
         elif cause.startswith(END_OF):
             channel = cause.removeprefix(END_OF)
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
         to_what = 'the first disable packet' if packet else 'the drive that says it is disabled'
-        took = Measured(f'from {of_what} to {to_what}', max(0.0, ended - began), limit=bound)
+        took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})
 
     return look
@@ -407,5 +498,5 @@ def instead(heard: History, since: float) -> str:
         each for key, each in heard.last('status', {}).items() if key.startswith('inhibit ')
     ]
     why = [each for each in inhibits if not each.startswith('stopped ')] or inhibits
-    state += f': {why[0]}' if why and state == 'STOPPED' else ''
+    state += f': {why[0]}' if why and state in ('STOPPED', 'READY') else ''
     return f'{", ".join(found) or "nothing changed"}; the mux is {state}'

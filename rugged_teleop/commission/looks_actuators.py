@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 import math
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from rugged_teleop.commission import looks
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Node
-from rugged_teleop.commission.step import Look, Marks, Measured, Seen
+from rugged_teleop.commission.step import Fact, Look, Marks, Measured, Seen
 from rugged_teleop.decode.protocols import recording_entries
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.devices import protocols
@@ -102,8 +103,18 @@ def at_end(node: str, joint: str, sign: int, most: float) -> Look:
             return None
         if abs(last[joint]) > most:
             return Seen(False, f'{joint} is at {last[joint]:.2f}, beyond its limits')
-        place = round(last[joint], 3)
-        return Seen(True, f'{joint} has ends', facts={f'{joint}: end on side {sign:+d}': place})
+        place: Fact = round(last[joint], 3)
+        facts = {f'{node}: {joint} ends, told {sign:+d}': place}
+        going = [
+            (at, each[joint])
+            for at, each in heard.since(f'places {node}', marks['since'])
+            if abs(each[joint] - before.get(joint, math.nan)) > _MOVED
+            and abs(each[joint] - last[joint]) > _MOVED
+        ]
+        if most == math.inf and len(going) > 2:  # it moves by itself, at full push
+            speed = abs(going[-1][1] - going[0][1]) / (going[-1][0] - going[0][0])
+            facts[f'{node}: {joint} at full push (rad/s)'] = round(speed, 3)
+        return Seen(True, f'{joint} has ends', facts=facts)
 
     return _unless_stopped(look)
 
@@ -136,7 +147,7 @@ def rests(node: Node, cause: str, bound: float, whose: str = '') -> Look:
         elif cause:
             channel = cause.removeprefix(looks.END_OF)
             began, of_what = looks.last_before(heard, channel, ended, since), f'the last {channel}'
-        took = Measured(f'from {of_what} to {to_what}', max(0.0, ended - began), limit=bound)
+        took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'it is told to rest', (took,), {'began': began, 'rested': ended})
 
     return look
@@ -207,24 +218,44 @@ def stands(node: Node, coast: float) -> Look:
         move = [each for each in last if not _stand(heard, node.full, [each], rested, now)]
         away = [name for name, place in idle.items() if not _alike(last[name], place)]
         if not move and not away:
-            return _stopped(heard, node, began, idle)
+            return _stopped(heard, node, began, rested, idle)
         if now < rested + coast + _STANDS + _PATIENCE:
             return None
         if move:
             return Seen(False, f'{" and ".join(move)} of {node.full} goes on moving')
         where = ' and '.join(f'{name} stays at {last[name]:.2f}' for name in away)
-        return Seen(False, f'{where} without commands: it does not go to its failsafe')
+        facts = {_limp(node, name): False for name in away if math.isnan(idle[name])}
+        words = f'{where} without commands: it does not go to its failsafe'
+        return Seen(False, words, facts=facts)
 
     return look
 
 
-def _stopped(heard: History, node: Node, began: float, idle: Places) -> Seen:
+def ended(node: Node, coast: float, what: str) -> Look:
+    """Motion by itself has ended by a stop; whether it has is a fact."""
+    stand = stands(node, coast)
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        seen = stand(heard, marks, now)
+        fact = f'{node.full}: a stop ends its {what}'
+        return seen and replace(seen, facts={**seen.facts, fact: seen.ok})
+
+    return look
+
+
+def _limp(node: Node, name: str) -> str:
+    return f'{node.full}: {name} is limp without a pulse'
+
+
+def _stopped(heard: History, node: Node, began: float, rested: float, idle: Places) -> Seen:
     samples = [*heard.since(f'places {node.full}', began)]
-    facts, stopping, measured = {}, {}, []
+    facts: dict[str, Fact] = {}
+    stopping, measured = {}, []
     before, last = _around(heard, node.full, began)
+    told, _ = _around(heard, node.full, rested)
     for name in last:
         if name in idle:
-            facts[f'{node.full}: {name} is limp without a pulse'] = math.isnan(last[name])
+            facts[_limp(node, name)] = math.isnan(last[name])
             continue
         if math.isnan(last[name]):
             continue
@@ -233,6 +264,9 @@ def _stopped(heard: History, node: Node, began: float, idle: Places) -> Seen:
         far = abs(last[name] - before.get(name, last[name]))
         speed = _speed(heard, node.full, name, began)
         stopping[name] = {'speed': speed, 'time': took, 'angle': far}
+        if rested > began:
+            coasts = abs(last[name] - told.get(name, last[name]))
+            facts[f'{node.full}: {name} coasts, told to rest (rad)'] = round(coasts, 3)
         measured.append(Measured(f'{name} coasts', far, 'rad'))
     return Seen(True, 'it stands', tuple(measured), {}, stopping, facts)
 
@@ -272,7 +306,7 @@ def replaced(node: str, bound: float) -> Look:
         off = heard.first('enabled', marks['since'], lambda value: not value)
         if off is None or now < off + _BATCH:
             return None
-        ended = packet[0] if packet else off
+        ended = packet or off
         began = looks.last_before(heard, 'joints', ended, marks['since'])
         took = Measured('from its last report to the next disable', ended - began, limit=bound)
         return Seen(True, 'the next wire disables', (took,), {'began': began})
@@ -345,10 +379,11 @@ def _alike(place: float, other: float) -> bool:
 
 def _stand(heard: History, node: str, joints: list[str], since: float, now: float) -> bool:
     """Tell whether these joints stood for a while."""
-    start = max(since, now - _STANDS)
-    samples = [each for _, each in heard.since(f'places {node}', start)]
+    channel, start = f'places {node}', max(since, now - _STANDS)
+    samples = [each for _, each in heard.since(channel, start)]
     if now < since + _STANDS or len(samples) < 2:
         return False
+    samples.insert(0, heard.before(channel, start) or samples[0])  # it may be heard with gaps
     columns = ([each[joint] for each in samples] for joint in joints)
     return all(
         all(map(math.isnan, values)) or max(values) - min(values) <= _STILL for values in columns

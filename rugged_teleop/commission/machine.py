@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from bridge_core.device import Device, Hands, Trial
@@ -21,10 +22,11 @@ class Node:
     values: Mapping[str, Any]
     device: Device | None = None
 
-    @property
+    @cached_property
     def hands(self) -> Hands:
         """What a person does to its device."""
-        return self.device.hands if self.device else Hands()
+        hands = self.device.hands if self.device else Hands()
+        return replace(hands, **hands.by_values(self.values))
 
     @property
     def trial(self) -> Trial:
@@ -78,6 +80,12 @@ class Machine:
     def remote_of(self, operator: str) -> Node | None:
         """Return the bridge that an operator is."""
         return self.owner_of(self.values[f'operator.{operator}.topic'])
+
+    def spread(self, operator: str, name: str) -> list[Any]:
+        """Return a parameter of an operator, axis by axis where the file gives one for all."""
+        prefix = f'operator.{operator}.'
+        values = list(self.values[prefix + name])
+        return values * len(self.values[f'{prefix}axis']) if len(values) == 1 else values
 
     @property
     def operators(self) -> list[str]:

@@ -307,7 +307,9 @@ def _engine(
         exits.enter_context(contextlib.closing(claim_domain()))
         simulated = exits.enter_context(SimulatedMachine(file, folder, machine))
         skips = dict(answers.get(SKIP) or {})
-        player = Player(answers, simulated.act, simulated.turned, skips, simulated.meter)
+        player = Player(
+            answers, simulated.act, simulated.turned, skips, simulated.meter, simulated.waited
+        )
         without_mux = simulated.without_mux
     else:
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 from bridge_core.device import Switch
@@ -76,56 +77,92 @@ def data_cable(node: Node) -> tuple[Act, Act]:
     return pull, Act(words, node.full, ('plug', *ready))
 
 
-def get_ready(machine: Machine, operator: str = '') -> Phase:
-    """Return the phase to begin with. :param operator: whose deadman counts then."""
+def get_ready(machine: Machine, operator: str = '', source: str = '') -> Phase:
+    """
+    Return the phase to begin with.
+
+    :param operator: whose deadman counts then. :param source: of the stop that is clear then.
+    """
+    source = source or machine.source_at(machine.remote_of(operator) if operator else None)
     acts = [
         Act(f'Acknowledge or arm at {node.full}, if it asks for it', node.full, node.hands.ready)
         for node in machine.bridges
         if node.hands.ready
     ]
     words = 'the mux READY, with all let go'
-    look = looks.ready(operator)
+    look = looks.ready(operator, source)
     return Phase(words, look, tuple(acts), limit=8.0, resets=True, person=True)
 
 
 def deadman(machine: Machine, operator: str, index: int) -> tuple[Act, Act]:
     """Return how it is pressed, and released."""
-    node = machine.remote_of(operator)
-    buttons = node.hands.buttons if node else ()
-    stick = buttons[index] if index < len(buttons) else None
-    press, release = ((stick.at(1),), (stick.at(0),)) if stick else ((), ())
-    full = node.full if node else ''
     words = f'the deadman of {operator}, button {index}'
-    return Act(f'Press {words}, and hold it', full, press), Act(f'Release {words}', full, release)
+    pressed_at = machine.values[f'operator.{operator}.pressed_at']
+    release, press = (at(machine, operator, index, value) for value in (0, pressed_at))
+    return (
+        replace(press, text=f'Press {words}, and hold it'),
+        replace(release, text=f'Release {words}'),
+    )
+
+
+def at(machine: Machine, operator: str, index: int, value: int) -> Act:
+    """Return how a button or switch of an operator gets a value."""
+    node = machine.remote_of(operator)
+    stick = dict(enumerate(node.hands.buttons)).get(index) if node else None
+    words = f'Bring button {index} of {operator} to {value}'
+    return Act(words, node.full if node else '', (stick.at(value),) if stick else ())
+
+
+def deadmen(machine: Machine, operator: str) -> tuple[tuple[Act, ...], tuple[Act, ...]]:
+    """Return how all that have to be held are pressed, and released."""
+    indices = machine.values[f'operator.{operator}.deadman_buttons']
+    presses, releases = zip(*(deadman(machine, operator, n) for n in indices), strict=True)
+    return presses, releases
+
+
+def push(
+    machine: Machine, operator: str, place: int = 0, share: float = GENTLE
+) -> tuple[tuple[Act, ...], tuple[Act, ...]]:
+    """
+    Return how a stick is pushed for slow motion, and let go; its own button comes first.
+
+    :param place: of the stick in the operator's axes.
+    """
+    node = machine.remote_of(operator)
+    axis = machine.values[f'operator.{operator}.axis'][place]
+    button = machine.spread(operator, 'axis_buttons')[place]
+    stick = dict(enumerate(node.hands.axes)).get(axis) if node else None
+    full = node.full if node else ''
+    way = 'forward' if share > 0.0 else 'back'
+    pushed = Act(f'Push the stick {way} a little', full, (stick.at(share),) if stick else ())
+    let_go = Act('Let go of the stick', full, (stick.at(0),) if stick else ())
+    if button < 0:
+        return (pushed,), (let_go,)
+    pressed_at = machine.values[f'operator.{operator}.pressed_at']
+    hold, release = (at(machine, operator, button, value) for value in (pressed_at, 0))
+    return (hold, pushed), (let_go, release)
+
+
+def taking_control(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
+    """Return how an operator takes control, at rest: of two hands, one is first; and its end."""
+    presses, releases = deadmen(machine, operator)
+    look = looks.in_control(operator)
+    control = Phase(f'{operator} in control', look, presses, person=True)
+    return (get_ready(machine, operator), control), releases
+
+
+def driving(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
+    """Return how it is set in motion, and what ends that."""
+    phases, releases = taking_control(machine, operator)
+    pushed, let_go = push(machine, operator)
+    look = looks.moving(operator, machine.standstill)
+    moving = Phase('slow motion', look, pushed, person=True, limit=10.0)
+    return (*phases, moving), (*let_go, *releases)
 
 
 def first_deadman(machine: Machine, operator: str) -> int:
     """Return its button."""
     return int(machine.values[f'operator.{operator}.deadman_buttons'][0])
-
-
-def push(machine: Machine, operator: str) -> tuple[Act, Act]:
-    """Return how the stick is pushed for slow motion, and let go."""
-    node = machine.remote_of(operator)
-    axis = machine.values[f'operator.{operator}.axis'][0]
-    stick = node.hands.axes[axis] if node and axis < len(node.hands.axes) else None
-    full = node.full if node else ''
-    return (
-        Act('Push the stick forward a little', full, (stick.at(GENTLE),) if stick else ()),
-        Act('Let go of the stick', full, (stick.at(0),) if stick else ()),
-    )
-
-
-def driving(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[Act, ...]]:
-    """Return how it is set in motion, and what ends that."""
-    press, release = deadman(machine, operator, first_deadman(machine, operator))
-    pushed, let_go = push(machine, operator)
-    look = looks.moving(operator, machine.standstill)
-    phases = (
-        get_ready(machine, operator),
-        Phase('slow motion', look, (press, pushed), person=True, limit=10.0),
-    )
-    return phases, (let_go, release)
 
 
 def in_motion(

@@ -48,6 +48,7 @@ _LEDGER_LIMIT, _FIND_LIMIT, _STEP = 6.0, 2.0, 0.3  # s
 _RATE = 50.0  # Hz, of bench
 _SPEED = 2.0  # rad/s
 _SECONDS = 3.0
+_ONE_CLOCK = 0.5  # s; a message that is older was kept, or sent by another clock
 _QUIET = 0.3  # s, in which what was said before has come
 _FRESH = 2.5  # s, of diagnostics that come each second
 _PLACES = {each.__name__: each for each in (JointState, UInt16MultiArray)}
@@ -73,6 +74,7 @@ class Running(Visitor):
         self._machine, self._without_mux, self._folder = machine, without_mux, folder
         self.on_spin: Callable[[], None] = lambda: None
         self._ring = Ring(_KEPT, _KEPT_SIZE)
+        self._at = 0.0  # when the message that is taken was sent
         values, mux = machine.values, machine.mux
         self._bool = self._subscriber(Bool, lambda message: message.data)
         joints = self._subscriber(
@@ -88,6 +90,10 @@ class Running(Visitor):
             joints('command', f'{mux.full}/command', 10)
         if values['feedback.topic']:
             joints('joints', mux.topic(values['feedback.topic']), 10)
+            positions = self._subscriber(
+                JointState, lambda m: dict(zip(m.name, m.position, strict=False))
+            )
+            positions('positions', mux.topic(values['feedback.topic']), 10)
         if values['drive_enabled_topic']:
             self._bool('enabled', mux.topic(values['drive_enabled_topic']), latched_qos())
         for name in names_of(values, 'estop_sources'):
@@ -112,7 +118,7 @@ class Running(Visitor):
     def _subscriber(self, kind: Any, value_of: Callable[[Any], Any]) -> Any:
         def subscribe(channel: str, topic: str, qos: Any) -> None:
             def add(message: Any) -> None:
-                self.history.add(channel, clock.now(), value_of(message))
+                self.history.add(channel, self._at, value_of(message))
 
             self._hear(kind, topic, qos, add)
 
@@ -131,6 +137,8 @@ class Running(Visitor):
             sent = info['source_timestamp'] or received
             if channel:
                 self._ring.add(Heard(at, at - (received - sent) * 1e-9, channel, data))
+            waited = time.time() - sent * 1e-9  # for this process, which may be a busy one
+            self._at = at - waited if 0.0 <= waited < _ONE_CLOCK else at
             take(deserialize_message(data, kind))
 
         self.node.create_subscription(kind, topic, on_message, qos, raw=True)

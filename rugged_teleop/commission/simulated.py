@@ -124,6 +124,17 @@ class SimulatedMachine:
                     found[wheel] = found.get(wheel, 0.0) + share * turned
         return found
 
+    def waited(self) -> float:
+        """Return for how long its threads have waited for a processor; s."""
+        pids = [os.getpid(), *(each.pid for each in self._nodes.values())]
+        found = 0
+        for file in (
+            each for pid in pids for each in Path(f'/proc/{pid}/task').glob('*/schedstat')
+        ):
+            with contextlib.suppress(OSError):  # it has ended, or the kernel keeps no account
+                found += int(file.read_text().split()[1])
+        return 1e-9 * found
+
     def meter(self, node: str) -> str:
         """Return what a meter shows at what a device opens when it stops."""
         chains = {each.full: each.hands.chain for each in self._machine.bridges}

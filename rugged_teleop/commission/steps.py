@@ -14,6 +14,7 @@ from rugged_teleop.commission import looks
 from rugged_teleop.commission.machine import Machine
 from rugged_teleop.commission.parts import (
     deadman,
+    deadmen,
     first_deadman,
     get_ready,
     in_motion,
@@ -24,6 +25,7 @@ from rugged_teleop.commission.parts import (
 )
 from rugged_teleop.commission.step import Act, Look, Marks, Measured, Phase, Question, Seen, Step
 from rugged_teleop.commission.steps_actuators import actuators, actuators_hear
+from rugged_teleop.commission.steps_features import features, reset_button
 from rugged_teleop.commission.steps_told import chains, links, what_it_is, what_it_says
 
 BENCH_TURN = 0.5  # of a turn that a joint makes in its trial, at least
@@ -38,11 +40,13 @@ def steps_of(machine: Machine, findings: Sequence[str] = ()) -> list[Step]:
         *links(machine, moves=False),
         *(_stop(machine, each) for each in stops_of(machine)),
         *actuators_hear(machine),
+        *reset_button(machine),
         *chains(machine),
         *_operators(machine),
         *_joints(machine),
         *links(machine, moves=True),
         *_in_motion(machine),
+        *features(machine),
         *actuators(machine),
     ]
 
@@ -81,7 +85,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
         stops=True,
         undo=(stop.release,),
         phases=(
-            get_ready(machine),
+            get_ready(machine, source=source),
             Phase(
                 f'e-stop source {source}, and the mux {state}', pressed, (stop.press,), person=True
             ),
@@ -94,7 +98,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
                 person=True,
                 limit=10.0,
             ),
-            *((get_ready(machine), again) if stop.always else ()),
+            *((get_ready(machine, source=source), again) if stop.always else ()),
         ),
     )
 
@@ -105,7 +109,7 @@ def _operators(machine: Machine) -> Iterator[Step]:
             name=f'operator.{operator}.rest',
             title=f'{operator}: let go of everything',
             phases=(
-                get_ready(machine),
+                get_ready(machine, operator),
                 Phase('all axes at 0, no button pressed', looks.at_rest(operator)),
             ),
         )
@@ -123,7 +127,7 @@ def _axis(machine: Machine, operator: str, axis: int) -> Step:
     lines = {s: (stick.at(s),) if stick else () for s in (-1, 0, 1)}
     sides = _sides(machine.values, operator, axis)
     let_go = Act('Let go of the stick', full, lines[0])
-    phases = [get_ready(machine)]
+    phases = [get_ready(machine, operator)]
     for sign in (1, -1):
         act = Act(f'Push the stick {sides[sign]} to its end', full, lines[sign])
         look = looks.axis_at_end(operator, axis, sign)
@@ -157,7 +161,7 @@ def _pressed_at_rest(machine: Machine, operator: str, index: int) -> Step:
         title=f'{operator}: the deadman, button {index}, pressed, held and released at rest',
         undo=(release,),
         phases=(
-            get_ready(machine),
+            get_ready(machine, operator),
             Phase('at rest', rest),
             Phase(f'button {index} pressed', pressed, (press,), person=True),
             Phase('held', looks.held(operator, index)),
@@ -230,7 +234,7 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
         for name, switch in node.hands.pauses.items():
             act, end = worked(node, '', switch)
             again = Phase('nothing that moves by its end', looks.still('READY'), (end,))
-            cause = _let_go(machine, operator)
+            cause = _let_go(machine, operator, first_deadman(machine, operator))
             yield in_motion(machine, operator, f'{operator}.{name}', act, cause, end, (again,))
     if not machine.operators:
         return
@@ -239,24 +243,30 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
     for stop in stops_of(machine):
         if stop.name != 'cable':
             bound = float(machine.values[f'estop.{stop.source}.timeout'])
-            cause = looks.disabled(f'estop {stop.source}', stop.full, bound)
-            operator = remotes.get(stop.source, first)
-            name = f'{remotes.get(stop.source, stop.source)}.{stop.name}'
+            remote = remotes.get(stop.source, '')
+            operator = remote or first
+            cause = looks.disabled(
+                f'estop {stop.source}',
+                stop.full,
+                bound,
+                pushed=first_deadman(machine, operator),
+                remote=remote,
+            )
+            name = f'{remote or stop.source}.{stop.name}'
             yield in_motion(machine, operator, name, stop.press, cause, stop.release)
 
 
 def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
     """Yield what a deadman has to do: begin anew after a stop, end it, and not go on by itself."""
-    index = first_deadman(machine, operator)
-    press, release = deadman(machine, operator, index)
+    presses, releases = deadmen(machine, operator)
     pushed, let_go = push(machine, operator)
     stop = next(each for each in stops_of(machine) if each.always)
-    ended = Phase('READY', looks.ready(operator), (let_go, release), person=True, resets=True)
+    ended = Phase('READY', looks.ready(operator), (*let_go, *releases), person=True, resets=True)
     yield Step(
         name=f'motion.{operator}.held',
         title=f'{operator}: the deadman is held, and the stick pushed, while a stop ends',
         moves=True,
-        undo=(let_go, release, stop.release),
+        undo=(*let_go, *releases, stop.release),
         phases=(
             get_ready(machine, operator),
             Phase(
@@ -268,7 +278,7 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
             Phase(
                 f'{stop.source} clear, the mux still STOPPED, and nothing that moves',
                 looks.released(stop.source),
-                (press, pushed, stop.release),
+                (*presses, *pushed, stop.release),
                 person=True,
                 limit=10.0,
             ),
@@ -277,18 +287,21 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
             ended,
         ),
     )
-    cause = _let_go(machine, operator)
-    yield in_motion(machine, operator, f'{operator}.deadman', release, cause)
-    words = f'Let the deadman of {operator} slip: release it a moment, the stick still pushed'
-    again = Act('Press it again, and hold it', press.node, press.lines)
-    stays = Phase('nothing that moves by pressing it again', looks.still('READY'), (again,))
-    slip = Act(words, release.node, release.lines)
-    yield in_motion(machine, operator, f'{operator}.slip', slip, cause, None, (stays,))
+    indices = machine.values[f'operator.{operator}.deadman_buttons']
+    for index, press, release in zip(indices, presses, releases, strict=True):
+        suffix = '' if index == indices[0] else f'.{index}'
+        cause = _let_go(machine, operator, index)
+        yield in_motion(machine, operator, f'{operator}.deadman{suffix}', release, cause)
+        words = f'{release.text} a moment, as if it slipped, the stick still pushed'
+        again = Act('Press it again, and hold it', press.node, press.lines)
+        stays = Phase('nothing that moves by pressing it again', looks.still('READY'), (again,))
+        slip = Act(words, release.node, release.lines)
+        yield in_motion(machine, operator, f'{operator}.slip{suffix}', slip, cause, None, (stays,))
 
 
-def _let_go(machine: Machine, operator: str) -> Look:
+def _let_go(machine: Machine, operator: str, index: int) -> Look:
     """Return what is seen where the deadman is released, or counts as such."""
     node = machine.remote_of(operator)
     bound = float(machine.values[f'operator.{operator}.timeout'])
-    full, index = node.full if node else '', first_deadman(machine, operator)
+    full = node.full if node else ''
     return looks.disabled(f'joy {operator}', full, bound, 'READY', index)

@@ -71,7 +71,7 @@ def actuators_hear(machine: Machine) -> Iterator[Step]:
 
 def actuators(machine: Machine) -> Iterator[Step]:
     """Yield those in which servos, monitors and drives move."""
-    others = [each for each in machine.bridges if each.hands.places is not None]
+    others = [each for each in machine.bridges if each.hands.places is not None and each.joints]
     for node in others:
         for number, joint in enumerate(node.joints):
             yield _reach(machine, node, number, joint)
@@ -314,7 +314,7 @@ def _of_actuator(machine: Machine, node: Node) -> Iterator[Step]:
     if stop:
         for kind, switch in node.hands.automatic.items():
             act, end = worked(node, 'Start', switch)
-            yield _automatic(machine, node, next(ways), f'{name}.{kind}', act, end, stop)
+            yield _automatic(machine, node, next(ways), kind, act, end, stop)
 
 
 def _stopping(
@@ -387,6 +387,9 @@ def _watched(
         undo=(*let_go, end),
         phases=(
             *phases,
+            *(
+                (Phase('their place', looks.passed(_AWAY)),) if idle else ()
+            ),  # not on the way there
             Phase('its end', looks.passed(_PERSON), (act,), limit=2.0 * _PERSON, person=True),
         ),
         questions=tuple(questions),
@@ -395,7 +398,7 @@ def _watched(
 
 
 def _automatic(
-    machine: Machine, node: Node, share: float, name: str, act: Act, end: Act, stop: Stop
+    machine: Machine, node: Node, share: float, kind: str, act: Act, end: Act, stop: Stop
 ) -> Step:
     """Return the step that stops what goes on without a command."""
     phases, let_go = _told(machine, node, share)  # a push: with it come permissions
@@ -403,7 +406,7 @@ def _automatic(
     pressed = looks.pressed(stop.source, stop.full, stop.bound)
     rest = looks_actuators.rests(node, '', _SPARE)
     return Step(
-        name=f'motion.{name}',
+        name=f'motion.{node.full.strip("/").replace("/", ".")}.{kind}',
         title=f'{node.full}: {small(act.text)}, and stop it',
         moves=True,
         undo=(*let_go, end, stop.release),
@@ -412,6 +415,6 @@ def _automatic(
             Phase('rest', rest, (_command(node, *[0.0] * len(node.joints)),), person=True),
             Phase('motion by itself', looks_actuators.goes_on(node.full), (act,), person=True),
             Phase(f'e-stop source {stop.source}', pressed, (stop.press,), person=True),
-            Phase('standstill', looks_actuators.stands(node, coast), limit=10.0),
+            Phase('standstill', looks_actuators.ended(node, coast, kind), limit=10.0),
         ),
     )

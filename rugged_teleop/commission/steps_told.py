@@ -82,7 +82,7 @@ def _chain(machine: Machine, node: Node, chain: Chain, ways: Sequence[Stop]) -> 
     name = f'chain.{machine.short(node)}'
     title = f'A meter at {chain.text} of {node.full}'
     *stops, cable = ways
-    ready = get_ready(machine)
+    ready = get_ready(machine, source=cable.source)
 
     def stopped(act: Act) -> Phase:
         look = looks.pressed(cable.source, node.full, cable.bound, cable.always)

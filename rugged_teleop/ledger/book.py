@@ -71,6 +71,7 @@ class Book:
         self.path = path
         self.head = Head()
         self._file = -1
+        self._end = 0  # of the file, in bytes, as this one has left it
 
     def append(self, moment: Moment, what: str, facts: Mapping[str, Any]) -> bytes:
         """
@@ -82,6 +83,8 @@ class Book:
             if self._file < 0 or not self._is_in_place():
                 self.close()
                 self._open()
+            elif os.fstat(self._file).st_size != self._end:
+                self._write(b'\n')  # somebody has changed it: the chain says so, no line is lost
             return self._put(moment, what, facts)
         except BaseException:
             self.close()
@@ -115,6 +118,7 @@ class Book:
         reader, _ = tail(self.path)
         self.head = reader.head or self.head  # an empty one goes on with the one before
         self._mend(reader.rest)
+        self._end = os.fstat(self._file).st_size
 
     def _mend(self, rest: bytes) -> None:
         """Complete a line that lacks its newline alone; name any other end that is torn."""
@@ -137,6 +141,7 @@ class Book:
         self._write(line + b'\n')
         os.fsync(self._file)
         self.head = Head(self.head.number + 1, digest(line))
+        self._end = os.fstat(self._file).st_size
         return line
 
     def _write(self, data: bytes) -> None:

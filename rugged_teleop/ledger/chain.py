@@ -52,9 +52,11 @@ def line_of(head: Head, moment: Moment, what: str, facts: Mapping[str, Any]) -> 
     at = datetime.fromtimestamp(moment.at, timezone.utc).isoformat(timespec='milliseconds')
     first = (head.number + 1, head.digest, at, moment.boot, round(moment.uptime, 3), what)
     fields = dict(zip(FIELDS, first, strict=True)) | {
-        key: value[:_LONGEST] if isinstance(value, str) else value for key, value in facts.items()
+        key: value[:_LONGEST] if isinstance(value, str) else value
+        for key, value in facts.items()
+        if key not in FIELDS
     }
-    return json.dumps(fields, separators=(',', ':')).encode()
+    return json.dumps(fields, separators=(',', ':'), default=str).encode()
 
 
 def parse(line: bytes) -> dict[str, Any] | None:

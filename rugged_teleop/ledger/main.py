@@ -18,6 +18,7 @@ import csv
 from itertools import chain
 import json
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
@@ -25,6 +26,7 @@ from rugged_teleop.command_line import is_of_output, Parser
 from rugged_teleop.ledger.book import default_file, lines
 from rugged_teleop.ledger.chain import FIELDS, Head, Reader
 
+_KEPT = re.compile(r'(\d+) ([0-9a-f]{64}) (-?[\d.]+)')  # a line of an anchor
 _EXAMPLES = """\
 examples:
   {prog} show                                  # ~/.ros/rugged_teleop/ledger.jsonl
@@ -97,11 +99,11 @@ def _cut(anchor: Path | None, digests: dict[int, str]) -> Iterator[str]:
     if anchor is None:
         return
     text = anchor.read_text(encoding='ascii', errors='replace')
-    kept = [line.partition(' ')[::2] for line in text.splitlines()]
-    if not any(number.isdecimal() for number, _ in kept):
+    kept = [found for line in text.splitlines() if (found := _KEPT.fullmatch(line))]  # not torn
+    if not kept:
         yield f'{anchor} has kept no line'
-    for number, rest in kept:
-        if number.isdecimal() and digests.get(int(number)) != rest.partition(' ')[0]:
+    for number, digest, _ in map(re.Match.groups, kept):
+        if digests.get(int(number)) != digest:
             yield f'line {number} is not the one that the anchor has kept'
 
 

@@ -7,16 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+import math
 import os
 from pathlib import Path
 import queue
 import threading
 from typing import Any
 
+from bridge_core import clock
+from bridge_core.thread_name import show_thread
 from rugged_teleop.ledger.book import Book, now
 from rugged_teleop.ledger.chain import Moment
 
 _AGAIN = 1.0  # s, from one attempt to the next
+_HANGS = 5.0  # s, after which an anchor that has not answered counts as gone
 _WAITING = 10_000  # lines that a full disk may leave waiting
 _Line = tuple[Moment, str, dict[str, Any]]
 
@@ -31,30 +35,49 @@ class Anchor:
     """
 
     def __init__(self, path: Path) -> None:
-        self.error = ''
-        self._path = path
-        self._newest = ''
+        self._path, self._newest, self._error = path, '', ''
+        self._busy_since = math.inf
         self._news = threading.Event()
         threading.Thread(target=self._run, name='ledger anchor', daemon=True).start()
 
+    @property
+    def error(self) -> str:
+        """Why the newest head is not there; empty: it is, or will be at once."""
+        if clock.now() - self._busy_since > _HANGS:
+            return f'no answer: {self._path}'
+        return self._error
+
     def say(self, text: str) -> None:
-        """Write this, unless something newer comes first."""
+        """Write this, unless something newer comes first; again until it is written."""
         self._newest = text
         self._news.set()
 
     def _run(self) -> None:
+        show_thread('ledger anchor')
+        torn = ''
         while self._news.wait():
             self._news.clear()
+            self._busy_since = clock.now()
             try:
-                flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY
-                file = os.open(self._path, flags, 0o640)
-                try:
-                    os.write(file, f'{self._newest}\n'.encode())
-                finally:
-                    os.close(file)
-                self.error = ''
+                self._write(f'{torn}{self._newest}\n'.encode())
+                self._error = torn = ''
             except OSError as error:
-                self.error = f'{error.strerror}: {self._path}'
+                self._error, torn = f'{error.strerror}: {self._path}', '\n'
+            self._busy_since = math.inf
+            if self._error:
+                self._news.wait(_AGAIN)
+                self._news.set()
+
+    def _write(self, data: bytes) -> None:
+        """Append a line. :raises OSError: it is not, or not all of it."""
+        # A pipe that nobody reads is an error then, and holds nobody up.
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK
+        file = os.open(self._path, flags, 0o640)
+        try:
+            while data:
+                data = data[os.write(file, data) :]
+        finally:
+            os.close(file)
 
 
 class LedgerWriter:
@@ -89,6 +112,7 @@ class LedgerWriter:
         self._thread.join(timeout)
 
     def _run(self) -> None:
+        show_thread('ledger')
         while (line := self._lines.get()) is not None:
             while not self._is_written(*line):
                 if self._ended.wait(_AGAIN):

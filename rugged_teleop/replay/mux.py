@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from bridge_core.parameters import full_topic, is_ros_parameter, MANAGED_PARAMETERS, resolve
+from bridge_core.reasons import Coded
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.beginning import Beginning
 from rugged_teleop.replay.proofs import Proofs
@@ -213,7 +214,8 @@ class MuxReplay:
             self._note(self._intake.decide(now), said.at)
         elif said.topic == f'{self._name}/transition_event':
             active = said.message.goal_state.label == 'active'
-            self._intake.arbiter.hold(None if active else 'the mux was not active')
+            inactive = Coded('mux.inactive', 'the mux was not active')
+            self._intake.arbiter.hold(None if active else inactive)
         elif self._values['reset_topic'] and said.topic == self._button_topic:
             stopped = self._replayed['state'].points[-1][1] == State.STOPPED.value
             trouble = '' if stopped else 'was pressed before the stop'

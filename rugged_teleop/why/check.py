@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -18,6 +19,7 @@ from bridge_core.parameters import (
     ParameterError,
     resolve,
 )
+from bridge_core.proof import Proof, ProofError
 from rugged_teleop.command_line import moment
 from rugged_teleop.loaded import Loaded
 from rugged_teleop.recordings import Said
@@ -27,7 +29,8 @@ from rugged_teleop.why.rules import (
     DriveMonitor,
     enabled_again,
     Monitor,
-    NOT_JUDGED,
+    ProofMonitor,
+    SELDOM,
 )
 from safety_mux.configuration import check, joint_limits
 from safety_mux.intake import Intake, Listened
@@ -36,6 +39,8 @@ from safety_mux.protocol import AUTONOMY, Decision, Demand, MalformedInput, Oper
 
 SLACK = 0.05  # s that messages may be heard late, or in another order
 _OBEYS = 0.05  # s in which a drive says what it was told
+_STEP = 5.0  # s; later than that nothing comes, so its sender's clock has stepped
+_OFTEN = 1.0  # s
 
 
 @dataclass
@@ -45,7 +50,7 @@ class Verdict:
     mux: str
     decisions: int = 0
     broken: list[Broken] = field(default_factory=list)
-    unjudged: dict[int, str] = field(default_factory=lambda: dict(NOT_JUDGED))
+    unjudged: dict[int, str] = field(default_factory=lambda: dict(SELDOM))
 
 
 def verdicts(recording: Loaded, slack: float = SLACK) -> list[Verdict]:
@@ -109,8 +114,14 @@ class _Watch:
             self._monitor.expect(source.name)
         self._drives: dict[str, tuple[bool, float]] = {}  # what each said, and when
         self._monitors: dict[str, DriveMonitor] = {}  # by topic
+        self._provers: dict[str, ProofMonitor] = {}  # by node
+        self._offsets: dict[str, tuple[float, float]] = {}  # by topic: when, and of its clock
+        drives = {path.rpartition('/')[0] for path, e in self._inputs.items() if e.kind == 'drive'}
         for path, each in self._inputs.items():
-            node = recording.parameters.get(path.rpartition('/')[0], {})
+            full = path.rpartition('/')[0]
+            node = recording.parameters.get(full, {})
+            if full in drives or each.kind == 'operator':
+                self._provers[full] = ProofMonitor(full in drives)
             if each.kind == 'drive' and 'command_timeout' in node:
                 timeout = float(node['command_timeout']) + _OBEYS
                 self._monitors[path] = DriveMonitor(timeout, slack)
@@ -130,13 +141,27 @@ class _Watch:
                 for monitor in self._monitors.values():
                     monitor.missed(said.at - last)
             last = said.at
+            self._watch_clock(said)
             if place := bisect_right(asked, said.at + self._slack):
                 self._monitor.reset(asked[place - 1])
             if said.message is not None:
                 yield from self._hear(said)
         yield from self._on_the_wire()
+        for prover in self._provers.values():
+            if prover.is_judged:
+                self._verdict.unjudged.pop(14 if prover.drives else 13, None)
         if not self._drives:
             self._verdict.unjudged[15] = self._verdict.unjudged[11] = 'what a drive says'
+
+    def _watch_clock(self, said: Said) -> None:
+        """Note a step of the clock of a node's computer; a recording's own clock has none."""
+        if said.sent_at is None:
+            return
+        before, offset = self._offsets.get(said.topic), said.sent_at - said.at
+        self._offsets[said.topic] = said.at, offset
+        if before and said.at - before[0] < _OFTEN and abs(offset - before[1]) > _STEP:
+            self._monitor.stepped = said.at
+            self._verdict.unjudged.pop(8, None)
 
     def _asked(self) -> list[float]:
         """Return when somebody asked for a reset that counted; infinite: nothing tells."""
@@ -165,8 +190,15 @@ class _Watch:
         listened = self._inputs.get(said.topic)
         if listened is not None:
             yield from self._input(listened, said)
+        elif word == 'challenge' and node in self._provers:
+            self._provers[node].asked()
         elif word == 'proof':
             self._proof(node, said.at)
+            if node in self._provers:
+                with suppress(ProofError):
+                    proof = Proof.from_bytes(bytes(said.message.data))
+                    sent_at = said.at if said.sent_at is None else said.sent_at
+                    yield from self._provers[node].proves(proof, said.at, sent_at)
         if node != self._name:
             return
         if word in self._words:
@@ -176,6 +208,8 @@ class _Watch:
                     monitor.mux_said(each, said.at)
         if word in ('estop', 'enable'):
             self._now[word] = bool(said.message.data)
+            for prover in self._provers.values() if word == 'enable' else ():
+                prover.mux_enables(bool(said.message.data))
         elif word == 'status':
             yield from self._status(fields_of(said.message), said.at)
         elif word in ('command', 'cmd_vel') and word in self._words:
@@ -200,6 +234,8 @@ class _Watch:
             monitor.operator(AUTONOMY, sample, said.at)
         elif listened.kind == 'drive':
             self._drives[name] = bool(message.data), said.at
+            prover = self._provers[said.topic.rpartition('/')[0]]
+            yield from prover.enabled(bool(message.data), said.at)
             if said.topic in self._monitors:
                 yield from self._monitors[said.topic].says(bool(message.data), said.at)
 
@@ -219,7 +255,7 @@ class _Watch:
         state, owner = fields.get('state', ''), fields.get('owner', 'none')
         if state in State.__members__:
             self._now |= {'state': State[state], 'owner': None if owner == 'none' else owner}
-            inhibits = [key for key in fields if key.startswith('inhibit ')]
+            inhibits = [text for key, text in fields.items() if key.startswith('inhibit ')]
             yield from self._monitor.status(state, inhibits, at)
 
     def _demand(self, message: Any) -> Demand:

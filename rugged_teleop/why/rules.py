@@ -9,7 +9,7 @@ rule that breaks. ``slack`` is what times may be off: 0 for who steps the arbite
 periods for who only looked on. Each check needs nothing but what its arguments say: what was never
 heard, as before a recording began, breaks no rule.
 
-docs/safety_mux.md has the rules. NOT_JUDGED are those that nothing here can see.
+docs/safety_mux.md has the rules. SELDOM are those that need something to happen that is seldom.
 """
 
 from __future__ import annotations
@@ -17,17 +17,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import math
+import re
 from typing import Final, NamedTuple
 
+from bridge_core.proof import Proof
 from safety_mux.limits import JointLimit
 from safety_mux.protocol import AUTONOMY, Decision, OperatorSample, State
 from safety_mux.settings import EStopSource, MuxConfig
 
-NOT_JUDGED: Final = {
-    8: 'which clock decided',
-    13: 'what was discarded before it was a message',
-    14: 'the last packets of a node that died',
+SELDOM: Final = {
+    8: 'a clock that steps',
+    13: 'a remote whose node was held up for 1 s, and asked for proofs',
+    14: 'a drive whose node began anew, and proves it',
 }
+HELD_UP = 1.0  # s; above bridge_core's FROZEN_TIME, after which what came meanwhile is discarded
+_ASKED = 10  # challenges that a node which runs would have answered
+_SAYS = 0.3  # s in which it says stop
+_STEPPED = 5.0  # s for which a step of a clock may show
+_QUIET = re.compile(r"(e-stop source|operator) '(.*?)' is (?:silent|stale)\b")
 
 _NOTHING = 1e-6  # of a joint's unit: rounding
 
@@ -54,6 +61,7 @@ class _Heard:
 
     since: float
     last: float = math.inf
+    gap: float = 0.0  # between the last two
     bad: float = -math.inf  # when a source said stop last, or an operator left rest
     value: bool | None = None
     rested: float = math.inf  # since when at rest; minus infinity: since before it was watched
@@ -73,6 +81,7 @@ class Monitor:
     limits: Sequence[JointLimit]
     slack: float = 0.0
     begin: float = 0.0
+    stepped: float = -math.inf  # when a clock did
     before: Decision | None = None
     waited: bool = False  # for a drive, in the decision before
     owner_since: float = -math.inf
@@ -143,6 +152,16 @@ class Monitor:
         """Judge what it says of itself."""
         if state != State.ACTIVE.value and not inhibits:
             yield Broken(now, 12, f'{state}, and nothing says why')
+        for each in inhibits if now - self.stepped < _STEPPED else ():
+            if not (found := _QUIET.match(each)):
+                continue
+            kind, name = found.groups()
+            is_source = kind == 'e-stop source'
+            heard = self._inputs.get(f'e-stop {name}' if is_source else name)
+            timeout = self._source(name).timeout if is_source else self._timeout(name)
+            if heard and max(heard.gap, heard.silence(now)) < timeout - self.slack:
+                self.stepped = -math.inf  # once is enough
+                yield Broken(now, 8, f'a clock stepped, and {each}')
 
     def decided(
         self, after: Decision, now: float, *, waits: bool | None = None
@@ -288,7 +307,7 @@ class Monitor:
 
     def _hear(self, name: str, now: float) -> _Heard:
         heard = self._inputs.setdefault(name, _Heard(now))
-        heard.last = now
+        heard.gap, heard.last = heard.silence(now), now
         return heard
 
     def expect(self, name: str) -> None:
@@ -357,3 +376,61 @@ def enabled_again(
         was_on |= enables
         if is_over and enables:
             yield at
+
+
+@dataclass
+class ProofMonitor:
+    """
+    Rules 13 and 14: a node, watched by what it is asked to prove and by its proofs.
+
+    :param drives: it says whether a drive is enabled; else it has a remote on its own thread.
+    """
+
+    drives: bool
+    is_judged: bool = False
+    _asked: int = 0
+    _last: Proof | None = None
+    _times: tuple[float, float] = (0.0, 0.0)  # of that one: when it was heard, and sent
+    _held: tuple[float, int] | None = None  # since when it was held up, and its stops until then
+    _enable: bool = False
+    _anew: bool = False  # it began anew, and the mux has not enabled since
+
+    def asked(self) -> None:
+        """Hear a challenge to it."""
+        self._asked += 1
+
+    def proves(self, proof: Proof, now: float, sent_at: float) -> Iterator[Broken]:
+        """Hear its next proof. :param sent_at: when that was published, by its own clock."""
+        last, self._last = self._last, proof
+        gap = min(now - self._times[0], sent_at - self._times[1])
+        self._times, asked, self._asked = (now, sent_at), self._asked, 0
+        if last is None:
+            return
+        if last.writer != proof.writer:
+            self._held, self._anew = None, self.drives
+            self.is_judged |= self.drives
+        elif (
+            not (self.drives or last.estop)
+            and proof.number == last.number + 1
+            and asked >= _ASKED
+            and gap > HELD_UP
+        ):
+            self._held, self.is_judged = (now, last.stops), True
+        if self._held is None:
+            return
+        since, stops = self._held
+        if proof.estop or proof.stops != stops:
+            self._held = None
+        elif now - since > _SAYS:
+            self._held = None
+            yield Broken(since, 13, 'it was held up, discarded what came, and said no stop')
+
+    def enabled(self, value: bool, now: float) -> Iterator[Broken]:
+        """Hear what a drive's node says of it."""
+        if value and self._anew and not self._enable:
+            self._anew = False
+            yield Broken(now, 14, 'its drive is enabled still as its node begins anew')
+
+    def mux_enables(self, value: bool) -> None:
+        """Hear the mux."""
+        self._enable, self._anew = value, self._anew and not value

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any, TYPE_CHECKING
 
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.session import Level
 from ssc_bridge.protocol import Source
 
@@ -14,14 +15,15 @@ if TYPE_CHECKING:
     from ssc_bridge.session.session import Session
 
 UNKNOWN = 'unknown'
-NO_INPUTS = (
+NO_INPUTS = Coded(
+    'ssc.inputs.silent',
     'check poll_rates, and the wire from our TX to R1: no pulse inputs come within link_timeout '
-    '(message 13), so ~/joy says nothing'
+    '(message 13), so ~/joy says nothing',
 )
-ECHO = 'is RX wired to TX, or echo on? Our own frames come back'
+ECHO = Coded('ssc.link.looped', 'is RX wired to TX, or echo on? Our own frames come back')
 
 
-def problems(session: Session, now: float) -> list[tuple[Level, str]]:
+def problems(session: Session, now: float) -> list[tuple[Level, Coded]]:
     """Return controls that are not believed, what does not come, and warnings."""
     texts = [*_missing(session, now), *warnings(session), *session.doubts(now)]
     if session.sticks_missing(now):
@@ -32,38 +34,46 @@ def problems(session: Session, now: float) -> list[tuple[Level, str]]:
     if session.sticks.faulty:
         faulty = f'no believable pulse: {", ".join(session.sticks.faulty)}'
         text = f'{faulty}; check the receiver, its cables and the calibration'
-        problems.insert(0, (Level.ERROR, text))
+        problems.insert(0, (Level.ERROR, Coded('ssc.stick.faulty', text)))
     return problems
 
 
-def _missing(session: Session, now: float) -> list[str]:
+def _missing(session: Session, now: float) -> list[Coded]:
     """Say which input holds outputs at their failsafe by its silence."""
     if not session.is_commanded or session.verdict.estop:
         return []
     if session.gate.stop.expired(now):
-        return [f'{session.HELD}: {text}' for text in session.gate.forbidden(now)]
+        return [passed_on(text, f'{session.HELD}: {text}') for text in session.gate.forbidden(now)]
     names = session.outputs.without_command()
     if not names or session.forbidden(now):
         return []
     text = f'no fresh command for {", ".join(names)}; start the node that commands them'
-    return [f'{session.HELD}: {text}']
+    return [Coded('ssc.command.none', f'{session.HELD}: {text}')]
 
 
-def warnings(session: Session) -> list[str]:
+def warnings(session: Session) -> list[Coded]:
     """Say what does not fit the device as it is set up, and which commands have no effect."""
     known = session.configuration
     if known is None:
         return []
     missing = [
-        f'servo {servo.name}: there is no output {servo.channel}, only {known.outputs}; '
-        f'check servo.{servo.name}.channel'
+        Coded(
+            'ssc.servo.missing',
+            f'servo {servo.name}: there is no output {servo.channel}, only {known.outputs}; '
+            f'check servo.{servo.name}.channel',
+            servo=servo.name,
+        )
         for servo in session.settings.servos
         if servo.channel > known.outputs
     ]
     commanded, sources = session.outputs.commanded(), session.selections
     in_vain = [
-        f'{commanded[number]}: output {number} is on {text}, not on SERIAL, so that commands '
-        'have no effect; see the switch table for the present command state'
+        Coded(
+            'ssc.output.elsewhere',
+            f'{commanded[number]}: output {number} is on {text}, not on SERIAL, so that commands '
+            'have no effect; see the switch table for the present command state',
+            output=number,
+        )
         for number, text in enumerate(session.source_texts(), 1)
         if number in commanded and sources[number - 1].source != Source.SERIAL
     ]

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from bridge_core.actuator import ActuatorSession
-from bridge_core.gate import Gate, Policy
+from bridge_core.gate import Gate, LEAVING, Policy
 from bridge_core.mux_words import MuxWords
 from bridge_core.reasons import Coded
 from bridge_core.session import Level, Verdict
@@ -109,19 +109,19 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
         return None if self.status is None else self.status.command_state
 
     @property
-    def _another(self) -> str:
-        """Say that this is another SSC than is wanted; empty: it is that one, or not known."""
+    def _another(self) -> Coded | None:
+        """Say that this is another SSC than is wanted; None: it is that one, or not known."""
         return another(self.configuration, self.settings.config_id)
 
-    def inhibits(self, now: float) -> list[str]:
+    def inhibits(self, now: float) -> list[Coded]:
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
         return self.forbidden(now) if self.is_commanded else []
 
-    def forbidden(self, now: float) -> list[str]:
+    def forbidden(self, now: float) -> list[Coded]:
         """Return what forbids commands, whether there are any or not, in words."""
         return self.gate.forbidden(now, [*self.stop_reasons(now), *self.mux.stops(now)])
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, controls that are not believed, what does not come, and warnings."""
         return [*super().problems(now), *report.problems(self, now)]
 
@@ -159,7 +159,7 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
         Only what was sent has to be undone; and it has to, although this port, or this session,
         is so new that the device has not told how many outputs it has.
         """
-        self.gate.shut(['the node leaves'])
+        self.gate.shut([LEAVING])
         self._stop(self.gate.watch(now), now)
         if self._another:
             return
@@ -282,7 +282,7 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
             reasons.append(command_stop(state))
         return Verdict.stop(*reasons) if reasons else Verdict()
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         age = self._heard.describe(now)
         if self._garbled(now) and self.counters.malformed > self.counters.frames:
             text = (

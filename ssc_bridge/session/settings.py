@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bridge_core.parameters import names_of
+from bridge_core.reasons import Coded
 from bridge_core.settings import CheckedSettings, table_of
 from ssc_bridge.channels import (
     axes_of,
@@ -122,7 +123,7 @@ class Settings(CheckedSettings):
             **cls.named(values),
         )
 
-    def line_warnings(self, configuration: Configuration) -> list[str]:
+    def line_warnings(self, configuration: Configuration) -> list[Coded]:
         """Say which direction asks more of the line than it carries (3.4)."""
         received = zip(_sizes(configuration), self.poll_rates, self.message_rates, strict=True)
         polls = (OVERHEAD * rate for rate in self.poll_rates)
@@ -132,14 +133,15 @@ class Settings(CheckedSettings):
             *self._budget('to', (command, *polls)),
         ]
 
-    def _budget(self, which: str, bytes_per_second: Iterable[float]) -> list[str]:
+    def _budget(self, which: str, bytes_per_second: Iterable[float]) -> list[Coded]:
         bits = BITS_PER_BYTE * sum(bytes_per_second)
         if bits <= self.baud:
             return []
-        return [
+        text = (
             f'messages {which} the SSC need {bits:.0f} bit/s, the line has {self.baud}: lower '
             'poll_rates, command_rate or the rates in the menu of the SSC'
-        ]
+        )
+        return [Coded('ssc.line.full', text)]
 
 
 def _check_different(name: str, values: Sequence[str]) -> None:

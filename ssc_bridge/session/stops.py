@@ -42,10 +42,10 @@ def contradiction(message: Checked, configuration: Configuration) -> str:
     return '' if count == expected_count else f'{count} channels, but {expected_count} are set up'
 
 
-def another(configuration: Configuration | None, wanted: int) -> str:
-    """Say that it is another SSC than wanted; empty: it is that one. :param wanted: -1: any."""
+def another(configuration: Configuration | None, wanted: int) -> Coded | None:
+    """Say that it is another SSC than wanted; None: it is that one. :param wanted: -1: any."""
     if configuration is None or wanted in (-1, configuration.config_id):
-        return ''
+        return None
     text = (
         f'connect the SSC with configuration ID {wanted}, or set config_id: this one has '
         f'{configuration.config_id}, so nothing is sent to its outputs'
@@ -53,14 +53,14 @@ def another(configuration: Configuration | None, wanted: int) -> str:
     return Coded('ssc.setup.another', text)
 
 
-def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> list[str]:
+def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> list[Coded]:
     """
     Say why the device may not be what it seems.
 
     :param contradictions: of the newest message of each type. :param confirmed: the configuration
         was read since the device was (re)started, and since the last contradiction.
     """
-    reasons: list[str] = [
+    reasons = [
         Coded(
             'ssc.setup.contradicts',
             f'message {kind.value} contradicts the configuration ({text}); if that stays, '
@@ -71,7 +71,7 @@ def doubts(contradictions: Mapping[MessageType, str], *, confirmed: bool) -> lis
     return reasons if confirmed else [*reasons, _UNREAD]
 
 
-def command_stop(state: CommandState) -> str:
+def command_stop(state: CommandState) -> Coded:
     """Say what a state of the command channel that is a stop means, and what to do."""
     hint = _HINTS.get(state, 'move its switch, which estop_states has as a stop')
     return Coded('ssc.command.stop', f'{hint}: command channel: {state.text}', state=state.text)

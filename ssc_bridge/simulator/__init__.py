@@ -8,6 +8,7 @@ from argparse import ArgumentParser
 from bridge_core.simulation import help_text, Simulated
 from ssc_bridge.simulator.controller import BOOT_TIME, Simulator
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
+from ssc_bridge.simulator.twin import as_measured
 
 
 def _options(controller: ArgumentParser) -> None:
@@ -19,6 +20,7 @@ SIMULATORS = {
         make=lambda options: Simulator(Settings(inputs=options.inputs)),
         help=help_text(Simulator.commands),
         options=_options,
+        as_measured=as_measured,
     ),
 }
 

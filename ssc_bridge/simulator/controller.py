@@ -7,7 +7,7 @@ A simulated SSC: receiver, switch table, servos, auxiliary channels, messages an
 It has one port, Comm 1. What the manual leaves open is settled thus: the nibble of a source counts
 from 0; the command pulse is 1 ms below 1.25 ms and 2 ms from 1.75 ms on; no pulse for 0.1 s is no
 signal; the serial command array starts as 0, no pulse, and keeps what it was told for ever: the
-SSC knows no silence of its host.
+SSC knows no silence of its host, unless 'alone' says so.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ BOOT_TIME = 0.3
 CONFIG_TIME = 5.0  # seconds from power-on during which the menus can be entered (3)
 ENTRY = b'ssconfig'
 NO_SIGNAL_TIME = 0.1
+ALONE_TIME = 1.0  # s without a serial command until 'alone' counts
 FAILSAFE_US = 1500  # of the command channel while the transmitter is lost (2)
 _INVALID = 0x8000
 _STATES = ('no signal', '1 ms', '1.5 ms', '2 ms')
@@ -70,6 +71,7 @@ class Simulator:
         self.link = True  # it hears the transmitter
         self.mute = False
         self.keeps = False  # a serial command of 0 leaves the last pulse
+        self.alone: dict[int, int] = {}  # us, by output from 0: its pulse while the host is silent
         self.aux = [Auxiliary() for _ in range(6)]
         self.received: dict[int, int] = {}  # good frames, by ID
         self.rejected = 0  # good frames that make no sense
@@ -89,6 +91,7 @@ class Simulator:
         self._menu: Menu[None] | None = None
         self._up_at = up_at
         self._signal_at = -math.inf
+        self._commanded_at = math.inf
         self._pulse_us = FAILSAFE_US
         self._due = dict.fromkeys(_MESSAGES, up_at)
         self._recent = b''
@@ -163,6 +166,8 @@ class Simulator:
             return self._up_at
         rates = zip(_MESSAGES, self.settings.rates, strict=True)
         due = [self._due[kind] for kind, rate in rates if rate and self.operates]
+        if self.alone and self._now < self._commanded_at + ALONE_TIME:
+            due.append(self._commanded_at + ALONE_TIME)
         return min([*due, self._parser.deadline, *([self._now] if self._out else []), math.inf])
 
     # -- what the host says ----------------------------------------------------------------------
@@ -190,6 +195,7 @@ class Simulator:
         pulses = list(struct.unpack(f'>{self.settings.outputs}H', payload))
         if max(pulses) > 32000:
             raise ValueError('beyond 32000 us')
+        self._commanded_at = self._now
         kept = self.serial if self.keeps else pulses
         self.serial = [us or last for us, last in zip(pulses, kept, strict=True)]
 
@@ -255,6 +261,8 @@ class Simulator:
             return pulse if source == 0 or pulse is None else 3000 - pulse
         if source == 2:
             return self.settings.constants[output]
+        if source == 3 and self._now >= self._commanded_at + ALONE_TIME:
+            return self.alone.get(output, self.serial[output])
         return self.serial[output] if source == 3 else self.outputs[output]
 
     # -- what the SSC says -----------------------------------------------------------------------
@@ -318,6 +326,13 @@ class Simulator:
         place = int(within(number, 1, 16)) - 1
         self.channels[place] = None if pulse == 'off' else int(within(pulse, 0, 32767))
 
+    def _set_alone(self, number: str, pulse: str) -> None:
+        """Have an output go there by itself 1 s after the last serial command."""
+        place = int(within(number, 1, self.settings.outputs)) - 1
+        self.alone.pop(place, None)
+        if pulse != 'stays':
+            self.alone[place] = int(within(pulse, 0, 32000))
+
     def _set_pin(self, number: str, value: str) -> None:
         self._aux(number).level = switch(value)
 
@@ -349,6 +364,7 @@ class Simulator:
         'pulses': ('AUX COUNT', _add_pulses),
         'mute': ('on|off', _switch('mute')),
         'keep': ('on|off', _switch('keeps')),
+        'alone': ('OUTPUT US|stays', _set_alone),
         'memory': ('erased|worn|sound', _set_memory),
         'reboot': ('', reboot),
     }

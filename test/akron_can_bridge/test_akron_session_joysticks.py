@@ -97,7 +97,7 @@ def test_what_is_no_vsc_by_its_bytes_is_told_of_allowed_joysticks(pgn: int, data
         assert ('FORT' in reason) == is_button
         assert ('allowed_joysticks' in reason) != is_button
     bench.take(joystick(data, 0x34, pgn=pgn))  # from another address
-    assert 'FORT' not in bench.session.joysticks.describe([0x34])
+    assert 'FORT' not in str(bench.session.joysticks.describe([0x34]))
 
 
 # -- the operator ---------------------------------------------------------------------------------

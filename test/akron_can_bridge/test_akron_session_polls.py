@@ -328,12 +328,12 @@ def found(**options: Any) -> Bench:
 def test_unit_that_is_not_enabled_is_a_warning_and_another_stop_is_an_error() -> None:
     bench = found()
     bench.take(NOT_ENABLED)
-    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    levels = {str(text): level for level, text in bench.session.problems(bench.now)}
     assert levels['check what the unit is enabled by: the enable input is not asserted'] is (
         Level.WARN
     )
     bench.take(STICK)
-    levels = {text: level for level, text in bench.session.problems(bench.now)}
+    levels = {str(text): level for level, text in bench.session.problems(bench.now)}
     (foreign,) = [text for text in levels if text.startswith('a foreign joystick')]
     assert levels[foreign] is Level.ERROR
 

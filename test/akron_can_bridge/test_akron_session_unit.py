@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 import math
 from typing import Any
@@ -282,7 +282,7 @@ def test_lost_unit_keeps_its_versions_alone(lose: Callable[[Unit], None]) -> Non
     assert not any(unit.kept(type(message)) for message in VISTA)
 
 
-def told(*frames: CanFrame, **options: Any) -> list[str]:
+def told(*frames: CanFrame, **options: Any) -> Sequence[str]:
     bench = Bench(**options).find_unit()
     bench.take(*frames)
     return bench.session.warnings(bench.now)

@@ -9,13 +9,15 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.gate import Gate, Policy, State
+from bridge_core.gate import Gate, LEAVING, Policy, State
+from bridge_core.reasons import Coded
 
 STOP, COMMAND, ENABLE = 0.3, 0.2, 0.25  # s, time-outs
+WAITS = Coded('gate.waits', 'wait for a status')
 POLICIES = {
     'stop': Policy(stop=STOP),
     'neutral': Policy(stop=STOP, command=COMMAND),
-    'edge': Policy(stop=STOP, command=COMMAND, enable=ENABLE, waits_for='wait for a status'),
+    'edge': Policy(stop=STOP, command=COMMAND, enable=ENABLE, waits_for=WAITS),
 }
 # What opens each, in the words of Rig.say.
 OPENS = {
@@ -33,7 +35,7 @@ class Rig:
         self.kind = kind
         self.gate = Gate(POLICIES[kind])
         self.now = 100.0
-        self.stops: list[str] = []
+        self.stops: list[Coded] = []
         self.told: list[tuple[str, ...]] = []
         self.vain: list[tuple[str, ...]] = []
 
@@ -68,18 +70,18 @@ class Rig:
             waited = gate.state is State.WAITING
             assert gate.proceed(self.now) is (waited and gate.is_open)
         elif word in ('fault', 'well'):
-            self.stops = ['fault'] * (word == 'fault')
+            self.stops = [Coded('fault', 'fault')] * (word == 'fault')
         elif word == 'forget':
             gate.forget()
         elif word == 'leave':
-            gate.shut(['the node leaves'])
+            gate.shut([LEAVING])
 
     def watch(self) -> None:
         told = self.gate.watch(self.now, self.stops)
         self.told += [told] * bool(told)
 
     @property
-    def reasons(self) -> list[str]:
+    def reasons(self) -> list[Coded]:
         return self.gate.reasons(self.now, self.stops)
 
 

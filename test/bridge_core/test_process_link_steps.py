@@ -45,7 +45,7 @@ def test_wire_that_has_lost_its_port_is_no_healthy_one_after_a_silence(bench: Li
     bench.step()
     assert bench.owner.told
     assert all(bench.owner.told)
-    assert bench.owner.verdicts == [Verdict.stop('unplugged', link_up=False)]
+    assert bench.owner.verdicts == [Verdict.stop(link_up=False)]
 
 
 def test_node_that_was_held_up_says_nothing_before_it_has_taken_in_all(

@@ -85,7 +85,7 @@ def test_thread_that_hangs_as_it_answers_keeps_no_stop_of_another_one() -> None:
     link = threading.Thread(target=topics.answer, args=(NOW,), daemon=True)
     link.start()
     assert hangs.wait(5.0 * TIMEOUT_FACTOR)
-    leaving = threading.Thread(target=topics.say, args=(Verdict.stop('left'), NOW), daemon=True)
+    leaving = threading.Thread(target=topics.say, args=(Verdict.stop(), NOW), daemon=True)
     leaving.start()
     leaving.join(5.0 * TIMEOUT_FACTOR)
     stops = [each.estop for each in node.said]

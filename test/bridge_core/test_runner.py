@@ -22,6 +22,7 @@ import pytest
 from std_msgs.msg import String
 
 from bridge_core import realtime, refusals, runner
+from bridge_core.share import loopback_profiles
 from safety_mux.node import SafetyMux
 from stage.rig import ENDING, NodeProcess, Observer, wait_for
 from stage.talkers import namespace
@@ -226,16 +227,27 @@ def test_network_is_used_by_udp(environment: pytest.MonkeyPatch, range_: str, on
     assert os.environ[RANGE] == range_
 
 
+@pytest.mark.parametrize('jazzy', [True, False])
+def test_newer_fast_dds_is_not_given_the_profile_of_jazzy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jazzy: bool
+) -> None:
+    """It reads both variables, and tells at each start what it refuses of Jazzy's."""
+    (tmp_path / ('libfastrtps.so' if jazzy else 'libfastdds.so')).touch()
+    monkeypatch.setenv('LD_LIBRARY_PATH', f'/nowhere::{tmp_path}')
+    names = {name: Path(path).name for name, path in loopback_profiles().items()}
+    assert names.pop('FASTDDS_DEFAULT_PROFILES_FILE') == 'fastdds_loopback.xml'
+    assert list(names.values()) == ['fastdds_loopback_jazzy.xml'] * jazzy
+
+
 @pytest.mark.parametrize('given', ONE_MACHINE)
 def test_one_machine_has_the_loopback_profile_and_says_so(
     environment: pytest.MonkeyPatch, given: dict[str, str]
 ) -> None:
     set_all(environment, given)
     text = runner.avoid_shared_memory()
-    profile = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
-    assert Path(profile).name == 'fastdds_loopback_jazzy.xml'
-    assert Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE']).name == 'fastdds_loopback.xml'
-    assert profile in text
+    name, profile = next(iter(loopback_profiles().items()))
+    assert os.environ[name] == profile
+    assert f'as {profile} says; {name} chooses' in text
     assert text.startswith('messages stay')  # a fact, and no task
     name, value = next(iter(given.items()))
     assert f'{name} is {value}' in text

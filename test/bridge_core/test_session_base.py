@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
 from bridge_core.framing import Decoder
+from bridge_core.reasons import Coded
 from bridge_core.session import (
     HeldButtons,
     INTERRUPTION_TIME,
@@ -73,10 +74,14 @@ class Toy(Session[str, str, str]):
         return True
 
     def _judge(self, now: float) -> Verdict:
-        return Verdict.stop('it says so') if self.stopped or self.failed else Verdict()
+        return (
+            Verdict.stop(Coded('toy.stop', 'it says so'))
+            if self.stopped or self.failed
+            else Verdict()
+        )
 
-    def _silence(self, now: float) -> str:
-        return 'garbled' if self._garbled(now) else 'silent'
+    def _silence(self, now: float) -> Coded:
+        return Coded('toy.silent', 'garbled' if self._garbled(now) else 'silent')
 
     def _follow(self, now: float) -> None:
         self.failed |= now >= self.asked_until

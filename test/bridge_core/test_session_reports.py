@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.reasons import Coded
 from esi_drive_bridge.protocol import (
     AxisState,
     AxisStatus,
@@ -45,7 +46,7 @@ def test_drive_tells_of_every_axis() -> None:
 
 
 def test_node_that_was_silent_blames_itself_for_the_time_out() -> None:
-    faults = ['axis B: brake', f'axis A: {RS422_FAULT}']
+    faults = [Coded('b', 'axis B: brake'), Coded('a', f'axis A: {RS422_FAULT}')]
     assert esi.own_silence(faults, 0.0) == faults
     assert esi.own_silence(faults, 0.15) == [
         'axis B: brake',

@@ -8,15 +8,17 @@ import math
 from hypothesis import given, strategies as st
 import pytest
 
+from bridge_core.reasons import Coded
 from bridge_core.session import HeldButtons, Pacer, StickStream, Verdict
 from esi_drive_bridge.session import Session as DriveSession
 from stage.esi_drive_rig import IDLE, make_settings
 
 
 def test_verdicts_that_differ_in_words_only_are_equal() -> None:
-    assert Verdict.stop('heard 250 ms ago') == Verdict.stop('heard 260 ms ago')
-    assert Verdict.stop('a') != Verdict.stop('a', link_up=False)
-    assert Verdict.stop('a') != Verdict(estop=True, own_estop=False, reasons=('a',))
+    sooner, later = Coded('a', 'heard 250 ms ago'), Coded('a', 'heard 260 ms ago')
+    assert Verdict.stop(sooner) == Verdict.stop(later)
+    assert Verdict.stop(later) != Verdict.stop(later, link_up=False)
+    assert Verdict.stop(later) != Verdict(estop=True, own_estop=False, reasons=(later,))
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans())))

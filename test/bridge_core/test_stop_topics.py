@@ -39,7 +39,7 @@ def test_own_stop_is_said_again_to_listeners_alone_and_a_change_to_all() -> None
     topics, estop, own_estop = stop_topics()
     assert topics.repeat(1001.0)
     assert (estop.publish.call_count, own_estop.publish.call_count) == (1, 0)
-    topics.change(Verdict.stop('a stop'), 1001.01)
+    topics.change(Verdict.stop(), 1001.01)
     assert (estop.publish.call_count, own_estop.publish.call_count) == (2, 1)
     own_estop.get_subscription_count.return_value = 1
     assert topics.repeat(1002.0)

@@ -15,7 +15,7 @@ from bridge_core.supervisor import Orders, Stage, Supervisor, Times, Word
 from bridge_core.transports.request import Activate, Deactivate, Request
 
 START = 100.0
-STOP, CLEAR = Verdict.stop('device'), Verdict()
+STOP, CLEAR = Verdict.stop(), Verdict()
 
 
 def supervisor(stage: Stage = Stage.NONE, *, at: float = START) -> Supervisor:

@@ -456,7 +456,7 @@ def nothing(bench: WireBench) -> None: ...
 
 
 def device_falls_silent(bench: WireBench) -> None:
-    bench.session.verdict = Verdict.stop('silent', link_up=False)
+    bench.session.verdict = Verdict.stop(link_up=False)
 
 
 def deactivate(bench: WireBench) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.simulation import Report
 from esi_drive_bridge.protocol import AxisCommand, Command, Layout, Mode
 from esi_drive_bridge.simulator import Motor, Simulator
 from esi_drive_bridge.simulator.twin import as_measured
@@ -104,7 +105,7 @@ def _report(trial: _Trial) -> dict[str, Any]:
 )
 def test_drive_as_measured_stops_as_it_was_measured(lines: tuple[str, ...]) -> None:
     report = _report(_Trial(*lines))
-    again = _report(_Trial(*as_measured(report, NODE)))
+    again = _report(_Trial(*as_measured(Report(report, NODE))))
     for was, now in zip(report['steps'], again['steps'], strict=True):
         before, after = was['stopping']['left'], now['stopping']['left']
         assert after['time'] == pytest.approx(before['time'], abs=0.05, rel=0.05)
@@ -117,7 +118,11 @@ def test_what_else_was_measured_is_as_measured() -> None:
     report = {
         'parameters': {
             NODE: {'joint_names': ['left'], 'gear_ratio': [-GEAR]},
-            '/safety_mux': {'feedback.standstill': STANDSTILL},
+            '/safety_mux': {
+                'feedback.standstill': STANDSTILL,
+                'estop_sources': ['drive'],
+                'estop.drive.topic': 'esi_drive_bridge/estop',
+            },
         },
         'steps': [
             {
@@ -138,7 +143,7 @@ def test_what_else_was_measured_is_as_measured() -> None:
             },
         ],
     }
-    friction, winding, brake, *others = as_measured(report, NODE)
+    friction, winding, brake, *others = as_measured(Report(report, NODE))
     assert (friction, winding) == ('friction a 0', 'winding a 0.00000')
     assert others == ['enabling 0.400', 'timeout 0.700']
     _, _, torque, delay = brake.split()
@@ -150,4 +155,4 @@ def test_report_without_a_stop_is_refused() -> None:
     report = _report(_Trial())
     report['steps'] = []
     with pytest.raises(ValueError, match='no stop of left was measured'):
-        as_measured(report, NODE)
+        as_measured(Report(report, NODE))

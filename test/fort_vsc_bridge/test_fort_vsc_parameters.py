@@ -63,6 +63,8 @@ def test_what_another_transport_needs_is_not_looked_at(given: dict[str, Any]) ->
 REFUSED = [
     ({'transport': 'can', 'require_software_estop': True}, 'require_software_estop = True: tran'),
     ({'transport': 'hid', 'require_software_estop': True}, 'require_software_estop = True: tran'),
+    ({'transport': 'hid', 'show_status': 'mux/status'}, "show_status = 'mux/status': transport h"),
+    ({'show_status': 'mux status'}, "show_status = 'mux status': allowed"),
     ({'hid.devices': ['2a99:d002', '2a99']}, "hid.devices = ['2a99:d002', '2a99']: allowed is"),
     ({'transport': 'can', 'can.heartbeat': 0x0CFDD633}, 'can.heartbeat must not be that of left'),
     ({'transport': 'can', 'link_timeout': 0.1}, 'link_timeout = 0.1: allowed is above 0.1 s'),

@@ -17,7 +17,7 @@ import pytest
 from bridge_core.transports import TransportError
 from bridge_core.waiting import ready
 from io_bridge.ports import GpioTransport
-from io_bridge.protocol import gpio_frame
+from io_bridge.protocol import gpio_frame, GpioWire, Inputs
 
 INPUTS, OUTPUTS = (17, 27, 22), (5, 6)
 _Type = gpiod.EdgeEvent.Type
@@ -153,3 +153,11 @@ def test_chip_that_is_gone_is_a_lost_port(chip: Chip) -> None:
     with pytest.raises(TransportError, match='check port and lines'):
         port.open()
     assert port.fileno() == -1
+
+
+def test_question_among_answers_is_none_and_counted() -> None:
+    stream = GpioWire(INPUTS).parser()
+    assert stream.feed(gpio_frame(b'R', 7) + bits(7, True), 0.0) == [
+        Inputs((True, False, False), 7)
+    ]
+    assert stream.counters.malformed == 1

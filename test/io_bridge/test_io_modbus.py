@@ -23,10 +23,10 @@ WRITE, WRITE_ANSWER = bytes.fromhex('0F 0013 000A 02 CD01'), bytes.fromhex('0F 0
 VALUES = tuple(c == '1' for c in '001101011101101110101100')
 COILS = tuple(c == '1' for c in '1011001110')
 ANSWERS = [
-    (READ_ANSWER, Inputs(VALUES)),
-    (WRITE_ANSWER, Written()),
-    (bytes.fromhex('82 02'), Refused(True, 2)),
-    (bytes.fromhex('8F 04'), Refused(False, 4)),
+    (READ_ANSWER, Inputs(VALUES, 0)),
+    (WRITE_ANSWER, Written(0)),
+    (bytes.fromhex('82 02'), Refused(True, 2, 0)),
+    (bytes.fromhex('8F 04'), Refused(False, 4, 0)),
 ]
 
 
@@ -96,6 +96,26 @@ def test_no_single_wrong_byte_changes_what_rtu_says_nor_the_head_of_tcp(
                 assert found == []
             elif at >= 2:  # else it is of another question
                 assert numbered(answer, baud) not in found
+
+
+@pytest.mark.parametrize(
+    ('baud', 'gap'),
+    [(None, 0.0), (1200, 3.5 * 11 / 1200), (19200, 3.5 * 11 / 19200), (115200, 0.00175)],
+)
+def test_line_is_silent_between_two_frames_of_rtu(baud: int | None, gap: float) -> None:
+    line = ModbusWire(UNIT, (7, 5), (), baud)
+    assert (line.bits, line.numbered) == ({5: 0, 7: 2}, baud is None)
+    assert line.gap == pytest.approx(gap)
+    assert ('baud and 8N1' in line.silence) is (baud is not None)
+
+
+def test_frame_on_a_slow_line_may_take_its_time() -> None:
+    frame = inputs(True, True)
+    for baud, found in ((1200, 1), (115200, 0)):
+        stream = ModbusWire(UNIT, (0, 1), (), baud).parser()
+        assert stream.feed(frame[:4], 5.0) == []
+        stream.poll(6.0)
+        assert len(stream.feed(frame[4:], 6.0)) == found
 
 
 def test_answer_of_another_unit_is_none() -> None:

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
+import math
 import os
 from pathlib import Path
 import signal
@@ -22,6 +23,7 @@ from rugged_teleop.ptys import PtyDevice
 from stage.devices import DRIVE, MUX, VSC
 from stage.modbus_server import ModbusBox
 from stage.multicast_rig import free_port
+from stage.mux_talkers import MuxBench
 from stage.rig import latched, NodeProcess, Observer
 from stage.spine import Spine
 from stage.talkers import Talker
@@ -162,7 +164,82 @@ def test_doctor_asks_the_box_and_decode_reads_what_it_says(tmp_path: Path) -> No
     assert 'modbus_rtu' in run('decode', str(capture))
 
 
-def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -> None:
+def test_button_held_through_anything_resets_nothing(observer: Observer) -> None:
+    topic = f'/{NAME}/reset_button'
+    with contextlib.ExitStack() as exits:
+        box = exits.enter_context(ModbusBox(free_port()))
+        given = {**PANEL, 'transport': 'tcp', 'port': box.url}
+        nodes = [exits.enter_context(NodeProcess(f'{NAME}.node', given))]
+        mux = MuxBench(observer, reset_topic=topic)
+        exits.callback(mux.close)
+        button = observer.record(Bool, topic)
+
+        def says(pressed: bool, since: float = 0.0) -> None:
+            mux.wait(
+                lambda: [m for t, m in button.since(since) if m.data is pressed], f'{pressed}'
+            )
+
+        def restart() -> None:
+            nodes[-1].signal(signal.SIGKILL)
+            nodes[-1].process.wait(10.0)
+            nodes.append(exits.enter_context(NodeProcess(f'{NAME}.node', given)))
+
+        def freeze() -> None:
+            nodes[-1].signal(signal.SIGSTOP)
+            observer.holds_for(lambda: mux.says('STOPPED'), 0.6)
+            nodes[-1].signal(signal.SIGCONT)
+
+        def stop() -> None:
+            mux.fort_estop.message = Bool(data=True)
+            mux.wait(lambda: mux.explains('demands a stop'), 'a stop')
+            mux.fort_estop.message = Bool(data=False)
+
+        for harm in (restart, freeze, stop):
+            says(False, time.monotonic())
+            mux.wait(mux.may_reset, 'a reset would count', 20.0)
+            pressed = time.monotonic()
+            box.set_inputs(2, True)
+            says(True, pressed)
+            harm()
+            says(True, time.monotonic())
+            released = time.monotonic()
+            box.set_inputs(2, False)
+            says(False, released)
+            observer.holds_for(lambda: mux.says('STOPPED'), 0.5, harm.__name__)
+        pressed_at = -math.inf
+
+        def press() -> bool:
+            """Press it now and then, as somebody does until it works."""
+            nonlocal pressed_at
+            if time.monotonic() - pressed_at > 3.0 and mux.may_reset():
+                pressed_at = time.monotonic()
+            box.set_inputs(2, time.monotonic() < pressed_at + 0.5)
+            return mux.says('READY')
+
+        mux.wait(press, 'READY', 20.0)
+
+
+@contextlib.contextmanager
+def box_of(transport: str, folder: Path) -> Iterator[tuple[str, Callable[[bool], Any], Any]]:
+    """Serve a box; yield its port, what presses its e-stop, and what returns its coils."""
+    if transport == 'tcp':
+        with ModbusBox(free_port()) as box:
+            yield box.url, lambda on: box.set_inputs(0, not on, not on), lambda: box.coils
+        return
+    from io_bridge.simulator import Simulator
+
+    with PtyDevice(simulator := Simulator(), folder / 'box') as line:
+
+        def press(on: bool) -> None:
+            line.apply(f'estop {"on" if on else "off"}')
+
+        yield str(line.path), press, lambda: simulator.coils
+
+
+@pytest.mark.parametrize('transport', ['tcp', 'rtu'])
+def test_opened_contact_disables_the_drive(
+    observer: Observer, tmp_path: Path, transport: str
+) -> None:
     """It prints how long that took, for the page; IO_PRESSES is how often."""
     parameters = {
         MUX: {
@@ -172,9 +249,9 @@ def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -
         }
     }
     with (
-        ModbusBox(free_port()) as box,
+        box_of(transport, tmp_path) as (port, press, coils),
         Spine(tmp_path, observer, parameters) as spine,
-        bench(observer, transport='tcp', port=box.url) as node,
+        bench(observer, transport=transport, port=port) as node,
     ):
         spine.nodes[NAME] = node.node
         spine.operational()
@@ -182,13 +259,13 @@ def test_opened_contact_disables_the_drive(observer: Observer, tmp_path: Path) -
         node.wait(lambda: spine.is_clear(VSC) and spine.is_clear(DRIVE), 'no stop')
         spine.moving()
         for _ in range(int(os.environ.get('IO_PRESSES', '1'))):
-            node.wait(lambda: box.coils[:3] == [False, False, True], 'green')
+            node.wait(lambda: coils()[:3] == [False, False, True], 'green')
             pressed = time.monotonic()
-            box.set_inputs(0, False, False)
+            press(True)
             reaction = spine.disabled_after(pressed, 0.15)
-            print(f'contact opens to disable: {reaction * 1e3:.1f} ms')
-            node.wait(lambda: box.coils[:4] == [True, False, False, False], 'red')
-            box.set_inputs(0, True, True)
+            print(f'contact opens to disable by {transport}: {reaction * 1e3:.1f} ms')
+            node.wait(lambda: coils()[:4] == [True, False, False, False], 'red')
+            press(False)
             node.says(False)
             spine.restart_rightly()
         del spine.nodes[NAME]

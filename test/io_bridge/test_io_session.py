@@ -295,6 +295,16 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
         ({'outputs': ['red', 'green']}, 'one is needed for each'),
         ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
         ({'outputs': ['red'], 'transport': 'gpio'}, 'stands there twice'),
+        ({'key_lines': [4], 'key_speeds': [1.0, 0.3]}, 'the first one must be the least'),
+        (
+            {
+                'transport': 'gpio',
+                'estop_names': [f'e{n}' for n in range(32)],
+                'estop_lines': [*range(64)],
+                'reset_line': 64,
+            },
+            '64 inputs are possible',
+        ),
         ({'link_timeout': 0.1}, 'four times answer_time'),
         ({'poll_rate': 10.0}, 'three periods'),
         ({'estop_lines': [0, 2000]}, 'within 2000'),

@@ -13,10 +13,16 @@ from stage.rig import ROOT
 from test.rugged_teleop.commission import (
     test_commission_actuators,
     test_commission_faults,
+    test_commission_features,
     test_commission_remotes,
 )
 
-FILES = (test_commission_actuators, test_commission_faults, test_commission_remotes)
+FILES = (
+    test_commission_actuators,
+    test_commission_faults,
+    test_commission_features,
+    test_commission_remotes,
+)
 
 
 def _names(faults: Mapping[Any, Any]) -> Iterator[str]:

@@ -222,5 +222,5 @@ def test_every_test_that_a_page_names_exists() -> None:
         for page, text in pages().items()
         for name in re.findall(r'`(?:[a-z_0-9/]+/)?(test_\w+[a-z0-9](?:\.py)?)`', text)
     }
-    assert len(named) > 40
+    assert len(named) > 10
     assert not {(page, name) for page, name in named if name not in known}

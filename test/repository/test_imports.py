@@ -76,8 +76,8 @@ BRIDGE = {
     ),
     # The node's parameters, in a file of their own: below the node, too.
     'parameters': ('{bridge}.protocol', 'OTHER', 'bridge_core.parameters', 'bridge_core.share'),
-    # What tools are told of the device: plain values, and where the rest is.
-    'device': ('bridge_core.device', '{bridge}.reasons'),
+    # What tools are told of the device: plain values, defaults, and where the rest is.
+    'device': ('bridge_core.device', '{bridge}.parameters', '{bridge}.reasons'),
     'reasons': ('bridge_core.reasons',),
     'decoders': (
         *('{bridge}.protocol', '{bridge}.modbus'),
@@ -130,9 +130,13 @@ SHARED = {
     'gate': ('bridge_core.reasons', 'bridge_core.watchdog'),
     'proof': (),
     'proof_topics': NODE_PART,
-    'mux_words': ('bridge_core.proof', 'bridge_core.session', 'bridge_core.watchdog'),
+    'mux_words': tuple(
+        f'bridge_core.{name}' for name in ('proof', 'reasons', 'session', 'watchdog')
+    ),
     'mux_topics': NODE_PART,
-    'actuator': ('bridge_core.framing', 'bridge_core.mux_words', 'bridge_core.session'),
+    'actuator': tuple(
+        f'bridge_core.{name}' for name in ('framing', 'mux_words', 'reasons', 'session')
+    ),
     'supervisor': ('bridge_core.session', 'bridge_core.transports.request'),
     'settings': ('bridge_core.parameters',),
     'simulation': ('bridge_core.numerals',),

@@ -113,13 +113,13 @@ def test_switch_that_is_not_there_is_not_held() -> None:
 
 
 LEVELS = JoyMapping(
-    ARCADE.sticks, deadman=(0,), mixing='arcade', levels=(0.2, 0.5, 1.0), level_button=1
+    ARCADE.sticks, deadman=(0,), mixing='arcade', levels=(0.5, 0.2, 1.0), level_button=1
 )
 OWN_BUTTON = JoyMapping(PLAIN.sticks, deadman=(0,), axis_buttons=(-1, 2), pressed_at=2)
 
 
 @pytest.mark.parametrize(
-    ('value', 'level'), [(-1, 0.2), (0, 0.2), (1, 0.5), (2, 1.0), (3, 1.0), (1000, 1.0)]
+    ('value', 'level'), [(-1, 0.2), (0, 0.5), (1, 0.2), (2, 1.0), (3, 0.2), (1000, 0.2)]
 )
 def test_switch_chooses_how_fast(value: int, level: float) -> None:
     sent = [0.5, 0.5]

@@ -360,11 +360,11 @@ def test_words_that_grow_old_are_warned_of_from_half_of_the_limit_on() -> None:
 
 def fort(of_device: float) -> ProofReport:
     ages = [Age('e-stop source', "e-stop source 'fort'", 0.125, 0.25)]
-    return ProofReport('/fort', ages, of_device, (1, 2, 3), '')
+    return ProofReport('/fort', ages, of_device, (1, 2, 3), None)
 
 
 def base(of_mux: float) -> ProofReport:
-    return ProofReport('/base', [Age('drive', 'the drive', 0.25, 0.5)], of_mux, (0, 0, 4), '')
+    return ProofReport('/base', [Age('drive', 'the drive', 0.25, 0.5)], of_mux, (0, 0, 4), None)
 
 
 @pytest.mark.parametrize(

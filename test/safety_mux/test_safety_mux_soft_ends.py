@@ -3,12 +3,15 @@
 
 """Soft ends: slower before them, no further, back free; whatever is asked for."""
 
+from collections.abc import Callable
+import contextlib
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 
 from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.protocol import MalformedInput
 from safety_mux.soft_ends import EndedLimiter, SoftEnds
 
 MOST, SLOWING = 2.0, 2.0
@@ -80,12 +83,124 @@ def test_speed_limit_counts_before_the_end_does() -> None:
     assert ended.step((0.0, 2.0), 0.1, 0.5)[1] == pytest.approx(1.0)
     assert ended.words == [], 'it is slow enough by the limit'
     ended.hear([4.75])
-    assert ended.step((0.0, 2.0), 1.0, 0.5)[1] == pytest.approx(0.8)  # on its way
-    assert ended.step((0.0, 2.0), 1.0, 0.5)[1] == pytest.approx(0.6)
+    assert ended.step((0.0, 2.0), 0.1, 0.5)[1] == pytest.approx(0.8)  # on its way
     for _ in range(9):
-        ended.step((0.0, 2.0), 1.0, 0.5)
+        ended.hear([4.75])
+        ended.step((0.0, 2.0), 0.1, 0.5)
     assert ended.output[1] == pytest.approx(0.25)
+    ended.hear([4.75])
     assert ended.step((0.0, 2.0), 0.1, 0.0)[1] == pytest.approx(0.05)
+
+
+def at_speed(speed: float, position: float) -> EndedLimiter:
+    """Return a limiter with the mast in motion there."""
+    ended = limiter()
+    ended.hear([position])
+    assert ended.step((0.0, speed), 0.1)[1] == speed
+    ended.hear([position])
+    return ended
+
+
+def test_joint_that_is_not_heard_counts_as_moved_and_is_not_freed_by_the_way_back() -> None:
+    ended = at_speed(2.0, 2.0)
+    for _ in range(9):
+        ended.step((0.0, 2.0), 0.1)
+    assert ended.output[1] < 1.7, 'as if it were at 3.6 rad by now'
+    for _ in range(90):
+        ended.step((0.0, 2.0), 0.1)
+    assert ended.output[1] == pytest.approx(0.0, abs=1e-3), 'as if it were at the end'
+    for _ in range(20):
+        ended.step((0.0, -1.0), 0.1)
+    assert ended.output[1] == pytest.approx(-1.0)
+    for _ in range(20):
+        ended.step((0.0, 2.0), 0.1)
+    assert ended.output[1] == pytest.approx(0.0, abs=1e-3), 'it may not have gone back'
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize('ramps', [True, False])
+def test_output_beyond_an_end_is_zero_at_once_and_back_is_not(sign: float, ramps: bool) -> None:
+    end = 5.0 if sign > 0.0 else -1.0
+
+    def on(ended: EndedLimiter) -> float:
+        if ramps:
+            return ended.ramp(0.01, 0.5)[1]
+        return ended.step((1.0, sign * 2.0), 0.01)[1]
+
+    outwards, back = at_speed(sign * 0.5, end - sign * 0.6), at_speed(-sign, end - sign * 0.6)
+    for ended in (outwards, back):
+        ended.step((1.0, ended.output[1]), 0.01)
+        ended.hear([end + sign * 0.01])
+        (wheel, _), mast = ended.output, on(ended)
+        assert mast == 0.0 if ended is outwards else mast * sign < -0.9
+        assert ended.output[0] > 0.5 * wheel, 'others go on'
+
+
+FAULTS: dict[str, Callable[[float], float]] = {
+    'sign': lambda p: -p,
+    'wrap': lambda p: math.remainder(p, 3.0),
+    'degrees': math.degrees,
+    'jump in': lambda p: p - 3.5 if p > 4.0 else p,
+    'jump out': lambda p: p + 3.5 if p > 4.0 else p,
+    'turns the other way in the zone': lambda p: 8.0 - p if p > 4.0 else p,
+}
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+@pytest.mark.parametrize('speed', [0.1, 0.7, 2.0])
+@pytest.mark.parametrize('start', [-1.0, 0.0, 1.4])
+def test_joint_does_not_go_far_beyond_an_end_on_positions_that_go_wrong(
+    fault: str, speed: float, start: float
+) -> None:
+    """By half a zone at most, until it is noticed."""
+    ended, position, seen = limiter(), start, FAULTS[fault]
+    with contextlib.suppress(MalformedInput):
+        for _ in range(round(9.0 / speed / STEP)):
+            ended.hear([seen(position)])
+            position += ended.step((0.0, speed), STEP)[1] * STEP
+            assert position <= ENDS.most + ENDS.slow_zone / 2.0 + MOST * STEP
+        return
+    ended.hear([seen(position)])  # the next one is where it begins
+
+
+def test_positions_between_two_steps_hide_no_fault() -> None:
+    ended, position = limiter(), 0.0
+    with contextlib.suppress(MalformedInput):
+        for n in range(20 * 600):
+            ended.hear([-position])
+            if n % 20 == 0:
+                ended.step((0.0, 1.0), STEP)
+            position += ended.output[1] * STEP / 20
+            assert position < ENDS.most
+
+
+def test_joint_that_was_turned_by_hand_at_rest_is_no_fault() -> None:
+    ended = at_speed(1.0, 2.0)
+    for position in (2.0, 4.5, -1.0, 3.0):
+        ended.reset()
+        ended.hear([position])
+    for _ in range(20):
+        ended.step((0.0, 1.0), STEP)
+        ended.hear([3.0])
+
+
+@pytest.mark.parametrize('late', [0, 10])
+@settings(max_examples=20)
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.integers(1, 100)), max_size=9))
+def test_joint_that_obeys_late_and_too_fast_or_is_turned_by_hand_is_no_fault(
+    late: int, asked: list[tuple[float, int]]
+) -> None:
+    """:param late: steps until it does what it is told."""
+    ended, position = limiter(), 2.0
+    commands = [0.0] * (1 + late)
+    for target, times in [*asked, (0.0, 200)]:
+        for _ in range(times):
+            ended.hear([position])
+            commands = [*commands[1:], ended.step((0.0, target), STEP)[1]]
+            position += 1.1 * commands[0] * STEP
+    ended.hear([position])
+    ended.step((0.0, 0.0), STEP)
+    ended.hear([position + 3.0])
 
 
 @given(

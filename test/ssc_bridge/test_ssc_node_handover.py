@@ -92,6 +92,6 @@ def test_what_was_sent_to_another_port_is_not_undone_on_this_one(
 
 
 def test_what_was_sent_behind_a_stop_is_carried_over_at_once(node: SscBridge) -> None:
-    node.on_events([StopChanged(Verdict.stop('silent')), OutputsSent(PORT, SENT), read()], 0.0)
+    node.on_events([StopChanged(Verdict.stop()), OutputsSent(PORT, SENT), read()], 0.0)
     aux = read().configuration.aux, frozenset[int]()
     assert node.carried_over(node.values) == {OUTPUTS_SENT: SENT, AUX_SET: aux}

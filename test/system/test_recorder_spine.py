@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 import os
 from pathlib import Path
-from signal import SIGTERM
+from signal import SIGCONT, SIGSTOP, SIGTERM
 import socket
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,7 +23,10 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from rugged_teleop.domains import claim_domain
 from rugged_teleop.ledger.book import lines
 from rugged_teleop.ledger.chain import Head, Reader
+from rugged_teleop.loaded import load
 from rugged_teleop.recordings import Parameters, read, Said
+from rugged_teleop.why.check import verdicts
+from rugged_teleop.why.rules import SELDOM
 from rugged_teleop.why.story import story
 from stage.devices import DRIVE, MUX, VSC
 from stage.rig import NodeProcess, Observer
@@ -179,6 +183,26 @@ def test_drive_that_fell_silent_is_not_said_to_be_disabled(bench: Bench) -> None
     (stop,) = [each for each in text.split('\n\n') if 'is not known' in each]
     assert f'/{DRIVE} was disabled ' not in stop, stop
     bench.spine.drive.apply('clear')
+
+
+def test_node_that_was_held_up_is_judged_and_broke_no_rule(bench: Bench) -> None:
+    bench.moving()
+    before = bench.files()
+    bench.spine.nodes[VSC].signal(SIGSTOP)
+    end = time.monotonic() + 2.0
+    bench.spine.wait(lambda: time.monotonic() >= end, '2 s')
+    bench.spine.nodes[VSC].signal(SIGCONT)
+    bench.spine.wait(lambda: bench.spine.is_clear(VSC), 'the VSC without a stop')
+    reply = bench.spine.observer.call(Trigger, '/recorder/save', tries=3)
+    assert reply.success, reply.message
+
+    def is_judged() -> bool:
+        new = [each for each in bench.files() if each not in before]
+        found = [each for path in new for each in verdicts(load(path))]
+        assert not [each for verdict in found for each in verdict.broken if each.rule in SELDOM]
+        return any(13 not in each.unjudged for each in found)
+
+    bench.spine.wait(is_judged, 'a recording in which rule 13 is judged', 20.0)
 
 
 def test_every_message_of_every_recording_is_decoded_by_the_readers_of_mcap(bench: Bench) -> None:

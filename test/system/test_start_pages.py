@@ -21,6 +21,7 @@ from rclpy.qos import QoSProfile
 from akron_can_bridge.simulator import Simulator as Monitor
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import Simulator as Vsc
+from io_bridge.simulator import Simulator as Box
 from rugged_teleop.canbuses import CanBusDevice, INTERFACE
 from rugged_teleop.doctor import main as doctor
 from rugged_teleop.multicasts import LOOPBACK, MulticastDevice
@@ -33,9 +34,10 @@ from stage.run_delay import RunDelay, WIRE_HELD_UP
 from test.repository.docs_rig import blocks, Command, commands, text_of
 from vm110_bridge.simulator import Simulator as BaseUnit
 
-DEVICES = ('fort_vsc', 'vm110', 'akron', 'ssc', 'esi_drive')
+DEVICES = ('fort_vsc', 'vm110', 'akron', 'ssc', 'esi_drive', 'io')
 ELSEWHERE = {
     'sudo': 'changes this computer',
+    'pip install': 'the same',
     'ros2 run rugged_teleop simulate': 'test_simulate.py does, and the device here is the same',
     'ros2 run rugged_teleop bench --joint left --speed': 'test_bench.py runs it',
 }
@@ -62,6 +64,9 @@ class Walk:
 
     def _plug_in_ssc(self) -> None:
         self._pty(Ssc(), '/dev/ttyUSB0')
+
+    def _plug_in_io(self) -> None:
+        self._pty(Box(), '/dev/ttyUSB0')
 
     def _plug_in_esi_drive(self) -> None:
         self._pty(Drive(), '/dev/ttyUSB0')

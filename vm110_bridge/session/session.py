@@ -122,7 +122,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         open_by_itself = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
         return self.hold_asked and not (open_by_itself and self.own_estop)
 
-    def problems(self, now: float) -> list[tuple[Level, str]]:
+    def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
@@ -261,23 +261,23 @@ class Session(BaseSession[bytes, Packet, Event]):
 
     def _judge(self, now: float) -> Verdict:
         verdict = self._stops.verdict()
-        reasons: list[str] = []
+        reasons: list[Coded] = []
         if self.origin.sender.is_doubled(now):
             reasons.append(self._two_senders)
         if self._lateness.is_late:
             reasons.append(report.late(self._lateness))
         return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
 
-    def _silence(self, now: float) -> str:
+    def _silence(self, now: float) -> Coded:
         hint = self._silence_hint(now)
         return passed_on(hint, f'{hint}; no VRPI from the BU: {self._heard.describe(now)}')
 
     @property
-    def _two_senders(self) -> str:
+    def _two_senders(self) -> Coded:
         sender = self.origin.sender
         return report.two_senders(self.origin.bu_id, sender.address or '', sender.second)
 
-    def _silence_hint(self, now: float) -> str:
+    def _silence_hint(self, now: float) -> Coded:
         if self.origin.sender.is_doubled(now):
             return self._two_senders
         others = self.origin.others(now)

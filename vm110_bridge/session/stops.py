@@ -121,7 +121,7 @@ class StopJudge:
             return now - self._output_at >= LEAST_SILENCE
         return self._silence >= LEAST_SILENCE and now - self._released_at < ECHO_DELAY
 
-    def _echo_reason(self) -> str:
+    def _echo_reason(self) -> Coded:
         state = 'BU state is External link error'
         if self._holding:
             text = (
@@ -141,7 +141,7 @@ def _in_error(vrpi: PeriodicInput) -> bool:
     return vrpi.bu_state == BuState.EXTERNAL_LINK_ERROR
 
 
-def _bu_reasons(vrpi: PeriodicInput, *, missed: bool) -> list[str]:
+def _bu_reasons(vrpi: PeriodicInput, *, missed: bool) -> list[Coded]:
     """
     Say why the BU demands a stop; a state that nobody knows is one.
 
@@ -164,7 +164,7 @@ def _bu_reasons(vrpi: PeriodicInput, *, missed: bool) -> list[str]:
     return [passed_on(_TO_DO[state], text)]
 
 
-def _ru_reasons(vrpi: PeriodicInput) -> list[str]:
+def _ru_reasons(vrpi: PeriodicInput) -> list[Coded]:
     """Say why the RU demands a stop, where the BU does not say the same."""
     if not isinstance(vrpi.ru_state, RuState):
         return [

@@ -7,8 +7,9 @@ from argparse import ArgumentParser
 
 from bridge_core.options import whole_within
 from bridge_core.simulation import help_text, Simulated
-from vm110_bridge.simulator.base_unit import OUTPUT_TIMEOUT, Simulator, VRPI_PERIOD
+from vm110_bridge.simulator.base_unit import LOST, OUTPUT_TIMEOUT, Simulator, VRPI_PERIOD
 from vm110_bridge.simulator.packets import build_packet, build_vrpi, crc32
+from vm110_bridge.simulator.twin import as_measured
 
 
 def _options(unit: ArgumentParser) -> None:
@@ -21,9 +22,10 @@ def _options(unit: ArgumentParser) -> None:
 SIMULATORS = {
     'vm110': Simulated(
         make=lambda options: Simulator(options.bu_id, crc=options.crc),
-        help=help_text(Simulator.commands),
+        help=help_text(Simulator.commands, STATE=LOST),
         port='multicast',
         options=_options,
+        as_measured=as_measured,
     ),
 }
 

@@ -26,6 +26,11 @@ RADIO_TIMEOUT = 0.3  # silence of the armed remote until the BU is blocked
 # How long the RU's application takes for a command or a display (5.3: C-Link is slower).
 _ANSWER_TIME = {True: 0.02, False: 0.6}
 _DISPLAY_PERIOD = {True: 0.0, False: 1.0}
+# What becomes of a base unit that loses its remote; None: it falls silent.
+LOST: dict[str, BuState | None] = {
+    **{state.name.lower(): state for state in BuState if state <= BuState.DISARMED},
+    'silent': None,
+}
 
 
 @dataclass(slots=True)
@@ -56,6 +61,8 @@ class Simulator:
         self.vlaps = 1
         self.g_link = True  # False: C-Link carries all, more slowly (5.3)
         self.ec_link = int(LinkStatus.UNUSED)
+        self.lost: BuState | None = BuState.BLOCKED
+        self.output_timeout = OUTPUT_TIMEOUT
         self.answers = True  # the RU's application acknowledges VRCO
         self.failed = False
         self.lose = self.double = 0  # packets to come
@@ -79,6 +86,7 @@ class Simulator:
         """Forget all but what a base unit has on its nameplate."""
         self.armed: Remote | None = None
         self.fault: BuState | None = None  # a latched one: until armed anew
+        self._is_silent = False  # likewise, as it has lost its remote
         self._serial = 0
         self._machine_serial: int | None = None
         self._command_id = 0
@@ -136,7 +144,7 @@ class Simulator:
             on_time = self._vrpi_due + VRPI_PERIOD > now
             self._vrpi_due = (self._vrpi_due if on_time else now) + VRPI_PERIOD
             packets.append(self._packet('VRPI', self._vrpi()))
-        return self._spoil(packets)
+        return [] if self._is_silent else self._spoil(packets)
 
     def deadline(self) -> float:
         """Return when poll wants to be called next."""
@@ -223,7 +231,7 @@ class Simulator:
     def output_missing(self) -> bool:
         """No VRPO for 2 s (5.1.2)."""
         heard = self._output_heard
-        return heard is not None and self._now - heard >= OUTPUT_TIMEOUT
+        return heard is not None and self._now - heard >= self.output_timeout
 
     @property
     def state(self) -> BuState:
@@ -261,8 +269,8 @@ class Simulator:
         if remote.tripped:
             self.fault = BuState.STOPPED
         elif now - self._radio_heard >= RADIO_TIMEOUT:
-            self.fault = BuState.BLOCKED
-            self.armed = None
+            self.fault = BuState.BLOCKED if self.lost is None else self.lost
+            self._is_silent, self.armed = self.lost is None, None
 
     def _vrpi(self) -> bytes:
         heard = sum(remote.connected for remote in self.remotes.values())
@@ -314,7 +322,7 @@ class Simulator:
             raise ValueError('EC-Link is in error')
         if self.armed not in (None, remote) and self.fault is None:
             raise ValueError('another remote is armed')
-        self.armed, self.fault = remote, None
+        self.armed, self.fault, self._is_silent = remote, None, False
         remote.tripped = False
         self._radio_heard = self._now
 
@@ -355,6 +363,14 @@ class Simulator:
 
     def _set_rssi(self, name: str, value: str) -> None:
         self._remote(name).rssi = int(within(value, 0, 100))
+
+    def _set_lost(self, state: str) -> None:
+        """Be in this state once the armed remote is lost, or say nothing more."""
+        self.lost = LOST[one_of(LOST, state)]
+
+    def _set_timeout(self, seconds: str) -> None:
+        """Wait so long for VRPO."""
+        self.output_timeout = within(seconds, 0.1, 60.0)
 
     def _set_vlaps(self, value: str) -> None:
         self.vlaps = int(within(value, 0, 3))
@@ -397,6 +413,8 @@ class Simulator:
         'battery': ('RU 0..100', _set_battery),
         'rssi': ('RU 0..100', _set_rssi),
         'vlaps': ('0..3', _set_vlaps),
+        'lost': ('STATE', _set_lost),
+        'timeout': ('SECONDS', _set_timeout),
         'glink': ('on|off', _set_g_link),
         'eclink': ('0..5', _set_ec_link),
         'command': ('HEX', _send_command),

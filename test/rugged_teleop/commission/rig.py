@@ -35,7 +35,9 @@ from stage.run_delay import HELD_UP, RunDelay
 
 DRIVE = '/esi_drive_bridge'
 FILE = Path(__file__).with_name('machine.yaml')
-VM110_FILE = FILE.with_name('machine_vm110.yaml')
+VM110_FILE, ACTUATORS_FILE, FEATURES_FILE = (
+    FILE.with_name(f'machine_{name}.yaml') for name in ('vm110', 'actuators', 'features')
+)
 PATIENCE = TIMEOUT_FACTOR
 _AT_ONCE, _TURN_LIMIT = 2, 180.0
 _TRIES = 3  # of a step on a machine that is too busy for the stack's time-outs

@@ -170,6 +170,16 @@ def test_person_says_that_it_is_done_or_skipped(wish: str, result: Result, took:
     assert took <= paper.time - 100.0 <= took + 0.1
 
 
+def test_phase_that_resets_waits_until_all_is_done() -> None:
+    """The mux may be READY without a remote that refuses to be armed by now."""
+    paper = Paper()
+    refusals = iter((False, False, True))
+    paper.act = lambda act: next(refusals)  # type: ignore[method-assign]
+    phase = Phase('ready', lambda *_: Seen(True, 'ready'), (Act('arm'),), resets=True)
+    assert _engine(paper).run(Step(name='a', title='a', phases=(phase,))).result is Result.PASSED
+    assert next(refusals, None) is None
+
+
 def test_step_is_done_again_and_left() -> None:
     paper = Paper()
     paper.again = [True, True]
@@ -183,7 +193,12 @@ def test_step_is_done_again_and_left() -> None:
 
 @pytest.mark.parametrize(
     ('value', 'result'),
-    [(0.2, Result.PASSED), (0.3, Result.FAILED), (float('nan'), Result.FAILED)],
+    [
+        (0.2, Result.PASSED),
+        (0.3, Result.FAILED),
+        (-0.001, Result.FAILED),  # no effect comes before its cause
+        (float('nan'), Result.FAILED),
+    ],
 )
 def test_number_beyond_its_limit_fails(value: float, result: Result) -> None:
     seen = Seen(True, 'fine', (Measured('reaction', value, limit=0.25),))

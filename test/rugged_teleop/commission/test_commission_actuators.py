@@ -19,13 +19,21 @@ from rugged_teleop.commission.main import read_machine
 from rugged_teleop.commission.step import Act, Record, Result, Step
 from rugged_teleop.commission.steps import steps_of
 from stage.rig import ROOT
-from test.rugged_teleop.commission.rig import DRIVE, Fault, FILE, Trial, trial
+from test.rugged_teleop.commission.rig import (
+    ACTUATORS_FILE,
+    DRIVE,
+    Fault,
+    FEATURES_FILE,
+    FILE,
+    Trial,
+    trial,
+    VM110_FILE,
+)
 from test.rugged_teleop.commission.test_commission import Paper
 
 SSC, MONITOR = '/ssc_bridge', '/akron_can_bridge'
-ACTUATORS_FILE = FILE.with_name('machine_actuators.yaml')
 MACHINES = (
-    *(FILE, ACTUATORS_FILE, FILE.with_name('machine_vm110.yaml'), ROOT / 'config' / 'demo.yaml'),
+    *(FILE, ACTUATORS_FILE, VM110_FILE, FEATURES_FILE, ROOT / 'config' / 'demo.yaml'),
     *(ROOT / 'config' / 'recipes' / f'{name}.yaml' for name in ('fire_truck', 'four_wheels')),
 )
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.simulation import Report
 from esi_drive_bridge.simulator.twin import as_measured
 from rugged_teleop.commission import folder
 from rugged_teleop.commission.main import nodes_of
@@ -232,7 +233,7 @@ def test_drive_as_its_report_has_it_is_measured_as_before(machine: Trial) -> Non
     machine.apply(_drive(*lines))
     before = _passed(machine)
     machine.apply(_drive(*DELIVERED, 'enabling 0.02', 'timeout 0.7'))
-    machine.apply(_drive(*as_measured(before, DRIVE)))
+    machine.apply(_drive(*as_measured(Report(before, DRIVE))))
     after = _passed(machine)
     machine.apply(_drive(*DELIVERED, 'enabling 0.02', 'timeout 0.7'))
     for name in ('time', 'angle'):

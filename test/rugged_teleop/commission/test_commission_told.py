@@ -6,19 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 from pathlib import Path
 from typing import Any
 
 import pytest
+from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core.decoding import StreamDecoder
 from bridge_core.device import Device, Switch
 from rugged_teleop.commission import looks
+from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import read_machine
-from rugged_teleop.commission.step import Seen, Step
+from rugged_teleop.commission.step import Record, Result, Seen, Step
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.devices import devices, protocols
+from rugged_teleop.recordings import Said
 from rugged_teleop.simulate import DEVICES, parser
 from stage.rig import ROOT
 from test.rugged_teleop.commission.rig import FILE, VM110_FILE
@@ -85,6 +89,17 @@ def test_meter_is_judged(name: str, shown: str, ok: bool) -> None:
     seen = judge({'meter': shown}, {})
     assert seen.ok is ok
     assert [*seen.facts.values()] == [shown]
+
+
+@pytest.mark.parametrize('name', ['stop.vm110.remote', 'operator.vm110.rest', 'chain.vm110.off'])
+def test_step_of_a_remote_that_is_stopped_does_not_begin(name: str) -> None:
+    """A stop that is there already would be taken for the one that is pressed."""
+    ready = _steps(ROOT / 'config' / 'demo.yaml')[name].phases[0].look
+    rested = {'state': 'READY', "condition of operator 'vm110'": 'rested'}
+    heard = _heard(('state', 1.0, 'READY'), ('status', 1.0, rested), ('estop vm110', 1.0, True))
+    assert ready(heard, {'since': 0.5}, 2.0) is None
+    heard.add('estop vm110', 2.0, False)
+    assert ready(heard, {'since': 0.5}, 2.1) is not None
 
 
 # Hands
@@ -220,3 +235,152 @@ def test_stop_is_read_from_a_packet_of_the_base_unit(said: dict[str, Any], stops
     (decoder,) = (each for _, each in protocols(StreamDecoder) if each.name == 'vm110')
     (content,) = decoder.parser().feed(build_packet('VRPI', build_vrpi(**said), 1, 7), 0.0)
     assert decoder.stops(content) is stops
+
+
+# What a time is measured from
+
+
+def _stopped_remote(*, sticks_at: float, frame: bool) -> History:
+    """Return what is heard of a stop: the drive's packet, and then that the remote says stop."""
+    heard = _heard(
+        ('joy a', 1.0, ([0.2], [1])),
+        ('joy a', sticks_at, ([0.0], [0])),
+        ('enabled', 1.0, True),
+        ('enabled', 1.35, False),
+        ('estop a', 1.0, False),
+        ('estop a', 1.4, True),
+        ('state', 1.4, 'STOPPED'),
+    )
+    for topic, data, at in (
+        ('/a/raw/received', build_packet('VRPI', build_vrpi(), 1, 7), 1.05),
+        ('/a/raw/received', build_packet('VRPI', build_vrpi(ru_state=4 * frame), 2, 7), 1.3),
+    ):
+        layout = MultiArrayLayout(dim=[MultiArrayDimension(label=f'{at}', size=len(data))])
+        message = UInt8MultiArray(layout=layout, data=data)
+        heard.add('raw', at, Said(at, topic, 'std_msgs/msg/UInt8MultiArray', message, at))
+    return heard
+
+
+@pytest.mark.parametrize(
+    ('sticks_at', 'frame', 'took', 'of_what'),
+    [
+        (1.33, True, 0.05, "the device's frame"),
+        (1.2, True, 0.15, 'its sticks at rest'),
+        (1.33, False, 0.05, "the device's last frame"),
+    ],
+)
+def test_time_counts_from_the_first_that_a_remote_says(
+    sticks_at: float, frame: bool, took: float, of_what: str
+) -> None:
+    look = looks.disabled('estop a', '/a', 0.5, remote='a')
+    seen = look(_stopped_remote(sticks_at=sticks_at, frame=frame), {'since': 1.1}, 2.0)
+    assert seen is not None
+    (measured,) = seen.measured
+    assert measured.value == pytest.approx(took)
+    assert of_what in measured.name
+
+
+def test_stop_that_came_before_its_frame_fails() -> None:
+    heard = _stopped_remote(sticks_at=1.33, frame=True)
+    heard.add('enabled', 1.5, False)
+    seen = looks.disabled('estop b', '/a', 0.5)(heard, {'since': 1.1}, 2.0)
+    assert seen is None, 'b says nothing'
+    heard.add('estop b', 1.6, True)
+    seen = looks.disabled('estop b', '', 0.5)(heard, {'since': 1.1}, 2.0)
+    assert seen is not None
+    assert not seen.measured[0].is_within
+    assert 'impossible' in seen.measured[0].text
+
+
+def test_nothing_is_measured_from_a_topic_to_itself() -> None:
+    heard = _heard(('estop a', 1.2, True))
+    seen = looks.pressed('a', '', 0.5, counts=False)(heard, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert not seen.measured
+
+
+# A simulated machine on a busy computer
+
+
+@pytest.mark.parametrize(
+    ('result', 'waited', 'tries'),
+    [(Result.FAILED, 1.0, 3), (Result.FAILED, 0.0, 1), (Result.PASSED, 1.0, 1)],
+)
+def test_step_that_fails_while_processes_wait_is_done_again(
+    result: Result, waited: float, tries: int
+) -> None:
+    total = itertools.count(0.0, waited)
+    player = Player({}, lambda _: True, dict, {}, str, lambda: next(total))
+    done = 0
+    again = True
+    while again:
+        player.begin(Step(name='a', title='a'))
+        again, done = player.tell(Record('a', 'a', result, 'text')), done + 1
+    assert done == tries
+
+
+# Soft ends
+
+ENDS = ('joint.left.position_min', 'joint.left.position_max')
+
+
+def _with_soft_ends() -> Step:
+    machine, _ = read_machine(FILE)
+    machine.values = {**machine.values, **dict(zip(ENDS, (-2.0, 2.0), strict=True))}
+    return {step.name: step for step in steps_of(machine)}['end.left']
+
+
+@pytest.mark.parametrize(
+    ('turned', 'says'),
+    [
+        ('-229', 'stands at its soft ends'),
+        ('229', 'the other way than its position says'),
+        ('-115', '0.5 times as far'),
+    ],
+)
+def test_soft_end_is_held_against_the_eye(turned: str, says: str) -> None:
+    judge = _with_soft_ends().judge
+    assert judge is not None
+    seen = judge({'turned': turned}, {'from': 2.0, 'place': -2.0})
+    assert says in seen.text
+    assert seen.ok is ('stands' in says)
+
+
+@pytest.mark.parametrize(
+    ('places', 'ok'),
+    [
+        ((1.0, 1.9, 1.95, 1.95, 1.95), True),
+        ((1.0, 1.9, 2.5, 2.6, 2.6), False),
+        ((0.0, 0.3, 0.6, 0.9, 1.2), None),  # on its way
+        ((0.0, 0.0, 0.0, 0.0, 0.0), None),  # it stands, but at no end
+    ],
+)
+def test_joint_stands_at_its_soft_end(places: tuple[float, ...], ok: bool | None) -> None:
+    times = (1.0, 1.3, 1.6, 1.9, 2.2)
+    heard = _heard(*(('positions', at, {'left': p}) for at, p in zip(times, places, strict=True)))
+    seen = looks.at_soft_end('left', -2.0, 2.0)(heard, {'since': 1.1}, 2.2)
+    assert (seen and seen.ok) is ok
+
+
+# Speeds, and a stick without its button
+
+
+@pytest.mark.parametrize(('after', 'ok'), [(0.5, True), (1.0, None)])
+def test_speed_that_does_not_change_is_seen(after: float, ok: bool | None) -> None:
+    values = [('command', 1.0, {'left': 1.0}), ('command', 1.8, {'left': after})]
+    seen = looks.scaled(0.5)(_heard(*values), {'since': 1.1}, 1.9)
+    assert (seen and seen.ok) is ok
+
+
+@pytest.mark.parametrize(
+    ('at_once', 'told', 'ok'),
+    [(True, (0.0, 0.0), True), (True, (1.0, 0.0), False), (False, (1.0, 0.0), True)],
+)
+def test_stick_without_its_button_moves_nothing(
+    at_once: bool, told: tuple[float, float], ok: bool
+) -> None:
+    commands = [('command', at, {'left': each}) for at, each in zip((1.2, 1.8), told, strict=True)]
+    control = [('state', 1.0, 'ACTIVE'), ('status', 1.0, {'owner': 'a'})]
+    seen = looks.held_still('a', at_once=at_once)(_heard(*control, *commands), {'since': 1.1}, 2.0)
+    assert seen is not None
+    assert seen.ok is ok

@@ -170,6 +170,23 @@ def test_ledger_that_was_moved_away_goes_on_in_a_new_file(tmp_path: Path) -> Non
     Book(old).append(now(), 'c', {})  # nobody holds it any more
 
 
+@pytest.mark.parametrize('size', [-30, 0, 5], ids=['cut', 'cut between lines', 'more'])
+def test_change_under_the_writer_is_found_and_costs_no_later_line(
+    tmp_path: Path, size: int
+) -> None:
+    book = Book(tmp_path / 'ledger.jsonl')
+    for text in ('a', 'b'):
+        book.append(now(), text, {})
+    data = book.path.read_bytes()
+    os.truncate(book.path, data.index(b'\n') + 1 if not size else len(data) + size)
+    for text in ('c', 'd'):
+        book.append(now(), text, {})
+    book.close()
+    reader, found = check(book.path)
+    assert [each['what'] for each in found][-2:] == ['c', 'd']
+    assert len(reader.faults) == 1
+
+
 @pytest.mark.parametrize(
     ('window', 'newest'),
     [(10_000, ['a', 'b', 'c']), (300, ['c']), (10, ['a', 'b', 'c'])],

@@ -5,8 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import errno
+import os
 from pathlib import Path
+import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -22,7 +25,7 @@ from rugged_teleop.ledger.book import Book, now
 from rugged_teleop.ledger.stopping import Trend
 from rugged_teleop.ledger.tried import Tried
 from rugged_teleop.ledger.witness import Witness
-from rugged_teleop.ledger.writer import LedgerWriter
+from rugged_teleop.ledger.writer import Anchor, LedgerWriter
 from rugged_teleop.recorder.definitions import message_class
 from stage.rig import wait_for
 
@@ -316,6 +319,93 @@ def test_lines_wait_for_another_writer_and_are_anchored(
     assert run('verify', arguments[0]) == 0
     assert run('verify', *arguments) == 1
     assert 'line 2 is not the one that the anchor has kept' in capsys.readouterr().err
+
+
+def _unread(anchor: Path) -> str:
+    os.mkfifo(anchor)
+    return 'No such device or address'
+
+
+def _missing(anchor: Path) -> str:
+    anchor.symlink_to(anchor.parent / 'unplugged' / 'anchor')
+    return 'No such file or directory'
+
+
+@pytest.mark.parametrize('spoil', [_unread, _missing])
+def test_anchor_that_is_away_is_named_and_gets_the_head_once_it_is_back(
+    writer: LedgerWriter, tmp_path: Path, spoil: Callable[[Path], str]
+) -> None:
+    anchor = tmp_path / 'anchor'
+    words = spoil(anchor)
+    writer.note('a')
+    gone = writer.anchor
+    assert gone is not None
+    wait_for(lambda: gone.error.startswith(words), what=words)
+    assert writer.book.head.number == 1, 'it holds up no line'
+    anchor.unlink()
+    wait_for(lambda: not gone.error, what='the anchor without another line')
+    assert run('verify', str(writer.book.path), '--anchor', str(anchor)) == 0
+
+
+def test_anchor_that_does_not_answer_is_named(
+    writer: LedgerWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, monkey = threading.Event(), Anchor._write
+    monkeypatch.setattr(Anchor, '_write', lambda *given: (hangs.wait(), monkey(*given)))
+    monkeypatch.setattr('rugged_teleop.ledger.writer._HANGS', 0.1)
+    for what in ('a', 'b'):
+        writer.note(what)
+    anchor = writer.anchor
+    assert anchor is not None
+    wait_for(lambda: anchor.error == f'no answer: {tmp_path / "anchor"}', what='a word of it')
+    wait_for(lambda: writer.book.head.number == 2, what='lines that it does not hold up')
+    hangs.set()
+    wait_for(lambda: not anchor.error, what='an answer')
+
+
+def test_anchor_on_a_full_disk_accuses_nobody(
+    writer: LedgerWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room, write = [20], os.write
+
+    def scarce(file: int, data: bytes) -> int:
+        if threading.current_thread().name != 'ledger anchor':
+            return write(file, data)
+        if not room[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        data = data[: room[0]]
+        room[0] -= len(data)
+        return write(file, data)
+
+    monkeypatch.setattr(os, 'write', scarce)
+    writer.note('a')
+    anchor, path = writer.anchor, tmp_path / 'anchor'
+    assert anchor is not None
+    wait_for(lambda: anchor.error.startswith('No space left'), what='a word of it')
+    assert len(path.read_bytes()) == 20
+    room[0] = 1000
+    wait_for(lambda: not anchor.error, what='room')
+    assert run('verify', str(writer.book.path), '--anchor', str(path)) == 0
+
+
+def test_line_of_anything_neither_ends_the_thread_nor_forges_the_chain(
+    writer: LedgerWriter,
+) -> None:
+    writer.note('a', path=Path('/x'), before='0' * 64, n=7)
+    writer.note('b')
+    wait_for(lambda: writer.book.head.number == 2, what='both lines')
+    assert run('verify', str(writer.book.path)) == 0
+
+
+def test_ledger_that_cannot_be_opened_waits_until_it_can(
+    writer: LedgerWriter, tmp_path: Path
+) -> None:
+    writer.book.path.mkdir(parents=True)
+    writer.note('a')
+    wait_for(lambda: writer.error.startswith('Is a directory'), what='a word of it')
+    writer.book.path.rmdir()
+    wait_for(lambda: writer.book.head.number == 1, what='the line')
+    assert writer.error == ''
 
 
 def run(*arguments: str) -> Any:

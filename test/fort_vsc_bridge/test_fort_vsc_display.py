@@ -1,0 +1,384 @@
+# Copyright 2026 The rugged_teleop maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the remote shows of the mux, and when it rumbles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+import random
+from typing import Any
+
+import pytest
+
+from fort_vsc_bridge.display_texts import (
+    LINES,
+    lines_of,
+    MuxStatus,
+    status_from,
+    TEXTS,
+    WIDTH,
+)
+from fort_vsc_bridge.protocol.wires import CanWire
+from fort_vsc_bridge.session import Session, Settings
+from fort_vsc_bridge.simulator import CanSimulator, Simulator
+from rugged_teleop.devices import devices
+from rugged_teleop.reasons import catalogue
+from safety_mux.report import report_of, Surroundings
+from stage.fort_vsc_rig import Bench, CLEAR, gaps, heartbeat, opened, STOP
+from stage.safety_mux_bench import Bench as MuxBench, OFF
+from stage.session_rig import SessionBench
+
+SHOWN: dict[str, Any] = {'show_status': 'safety_mux/status'}
+STOPPED = MuxStatus('STOPPED', 'mux.source.stale', 'drive')
+READY = MuxStatus('READY', 'mux.operator.press')
+ACTIVE = MuxStatus('ACTIVE', drives=True)
+NO_NEWS = lines_of(None)
+JOY = '/fort_vsc_bridge/joy'
+
+
+class Remote(Bench):
+    """A session that shows a status, and a simulated VSC that hears it."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**SHOWN, **options)
+        self.vsc = Simulator()
+        self.vsc.apply('mode operational')
+        self.open()
+        self.say(None, 0.3)
+
+    def say(self, status: MuxStatus | None, seconds: float, *, silent: bool = False) -> Remote:
+        """Let the mux say this at 10 Hz, and the VSC hear what the node sends."""
+        for _ in range(round(seconds / 0.1)):
+            if status is not None and not silent:
+                self.session.hear_status(status, self.now)
+            for _ in range(10):
+                before = len(self.sent)
+                self.hear(*self.vsc.poll(self.now))
+                self.wait(0.01)
+                for at, frame in self.sent[before:]:
+                    self.vsc.receive(frame, at)
+        return self
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        return tuple(self.vsc.display.split('\n'))
+
+    @property
+    def rumbles(self) -> int:
+        return len(self.vsc.rumbles)
+
+
+# -- texts ----------------------------------------------------------------------------------------
+
+
+def test_every_code_has_a_text_and_every_text_a_code() -> None:
+    families = {name.removesuffix('_bridge') for name in devices()} | {'unheard', 'slowed'}
+    known = [*catalogue(), *families]
+    assert not [c for c in catalogue() if not any(f'{c}.'.startswith(f'{t}.') for t in TEXTS)]
+    assert not [t for t in TEXTS if not any(f'{c}.'.startswith(f'{t}.') for c in known)]
+
+
+@pytest.mark.parametrize('code', TEXTS)
+def test_text_fits_the_display_of_either_wire(code: str) -> None:
+    assert all(0 < len(line) <= WIDTH and line.isascii() for line in TEXTS[code])
+    lines = lines_of(MuxStatus('STOPPED', code, 'a_source_with_a_long_name', 'somebody'))
+    assert len(lines) == LINES
+    assert all(len(line) <= WIDTH for line in lines)
+    assert len([line for line in lines if line]) == 1 + len(TEXTS[code])
+
+
+def test_unknown_code_shows_itself_and_a_strange_name_is_printable() -> None:
+    assert lines_of(MuxStatus('STOPPED', 'winch.hot'))[1:] == ('winch.hot', 'Call technician', '')
+    assert lines_of(MuxStatus('STOPPED', 'mux.source.stop', 'Kräne\n'))[2] == 'Kr?ne?'
+
+
+def test_family_speaks_for_a_code_without_a_text() -> None:
+    assert lines_of(MuxStatus('STOPPED', 'esi.overcurrent.a')) == (
+        *('STOPPED', 'Drive fault', 'Call technician', ''),
+    )
+
+
+# -- what of a status counts ----------------------------------------------------------------------
+
+
+def values(bench: MuxBench, **joys: str) -> dict[str, str]:
+    around = Surroundings('', (), None, {}, {}, {}, None, joys=joys)
+    found = report_of(bench.arbiter.status(bench.now), around, bench.now).values
+    return {key: str(value) for key, value in found.items()}
+
+
+def test_stop_is_shown_before_a_step_and_a_step_before_a_note() -> None:
+    bench = MuxBench()
+    bench.estops['fort'] = True
+    bench.run(0.6)
+    of_stop = status_from(values(bench), JOY)
+    assert (of_stop.state, of_stop.code, of_stop.about) == ('STOPPED', 'mux.source.stop', 'fort')
+    bench.estops['fort'] = False
+    bench.run(0.6)
+    assert status_from(values(bench), JOY).code == 'mux.reset.due'  # not the note mux.stopped
+
+
+def test_reason_that_names_this_remote_is_taken_before_one_of_another() -> None:
+    said = {
+        'state': 'READY',
+        'code': 'mux.operator.press',
+        'code.1': 'mux.operator.press',
+        'code.1.operator': 'senior',
+        'code.2': 'mux.operator.press',
+        'code.2.operator': 'fort',
+    }
+    assert status_from(said, JOY).about == 'senior'
+    assert not status_from({**said, 'joy of fort': JOY}, JOY).about
+
+
+def test_owner_is_named_if_it_is_another() -> None:
+    said = {'state': 'ACTIVE', 'owner': 'senior', 'joy of fort': JOY, 'slowed': '50 %'}
+    assert lines_of(status_from(said, JOY))[:2] == ('ACTIVE senior', 'Slowed by a limit')
+    own = status_from({**said, 'owner': 'fort'}, JOY)
+    assert lines_of(own)[0] == 'ACTIVE'
+    assert own.drives
+
+
+def test_deadman_is_refused_while_it_is_held_and_gives_no_control() -> None:
+    bench = MuxBench()
+    bench.ready()
+    assert not status_from(values(bench, fort=JOY), JOY).refused
+    bench.estops['fort'] = True
+    bench.run(0.1)
+    bench.samples['fort'] = replace(OFF, deadman=True)
+    bench.run(0.1)
+    assert status_from(values(bench, fort=JOY), JOY).refused
+    assert not status_from(values(bench, senior=JOY), JOY).refused
+    bench.samples['fort'] = OFF
+    bench.run(0.1)
+    assert not status_from(values(bench, fort=JOY), JOY).refused
+
+
+def test_deadman_that_gives_control_is_never_refused() -> None:
+    bench = MuxBench()
+    bench.ready()
+    held = bench.samples['fort'] = replace(OFF, deadman=True)
+    bench.arbiter.operator_sample('fort', held, bench.now)  # before the tick
+    for _ in range(40):
+        assert not status_from(values(bench, fort=JOY), JOY).refused
+        bench.run(0.01)
+    assert status_from(values(bench, fort=JOY), JOY).drives
+
+
+# -- what is shown --------------------------------------------------------------------------------
+
+
+def test_status_is_shown_and_only_lines_that_change_are_sent() -> None:
+    remote = Remote().say(STOPPED, 2.0)
+    assert remote.shown == lines_of(STOPPED)
+    assert [frame[4] for _, frame in remote.frames(0x31)] == [90, 91, 92, 93]
+    remote.say(replace(STOPPED, about='fort'), 2.0)
+    assert remote.shown == ('STOPPED', 'Not heard:', 'fort', 'Start its node')
+    assert [frame[4] for _, frame in remote.frames(0x31)] == [90, 91, 92, 93, 92]
+    assert not any(remote.vsc.too_fast.values())
+
+
+def test_text_stays_for_a_second_whatever_the_mux_says() -> None:
+    remote = Remote().say(READY, 2.0)
+    remote.sent.clear()
+    for turn in range(40):
+        remote.say(replace(READY, about=f'name {turn % 2}'), 0.1)
+    changed = [each for each in remote.frames(0x31) if each[1][4] == 92]
+    assert 3 <= len(changed) <= 5
+    assert min(gaps(changed)) >= 1.0 - 1e-9
+
+
+def test_stop_does_not_wait_for_another_text_to_have_stayed() -> None:
+    remote = Remote().say(ACTIVE, 3.0)
+    remote.say(replace(ACTIVE, code='mux.owner.zero'), 0.1)
+    at = remote.now
+    remote.say(STOPPED, 0.3)
+    first = next(sent for sent, frame in remote.frames(0x31) if sent >= at and frame[4] == 90)
+    assert first - at <= 0.25 + 1e-9  # the rate of the manual (table 17)
+
+
+def test_remote_shows_its_own_screen_but_in_operational_mode() -> None:
+    remote = Remote().say(STOPPED, 2.0)
+    for mode in 'remote', 'menu', 'pause':
+        remote.vsc.apply(f'mode {mode}')
+        assert remote.vsc.describe()['display'] == f'its own: {mode.capitalize()}'
+    remote.vsc.apply('estop remote on')
+    assert remote.vsc.display == 'its own: E-Stop'
+    remote.vsc.apply('radio off')
+    assert remote.vsc.display == 'its own: Searching'
+
+
+def test_silent_mux_is_told_and_never_its_last_state() -> None:
+    remote = Remote().say(ACTIVE, 2.0)
+    remote.say(ACTIVE, 1.7, silent=True)
+    assert remote.shown == lines_of(ACTIVE)
+    remote.say(ACTIVE, 1.2, silent=True)
+    assert remote.shown == NO_NEWS
+    assert remote.rumbles == 1
+    remote.say(STOPPED, 2.0)
+    assert remote.shown == lines_of(STOPPED)
+    assert remote.rumbles == 1
+
+
+def test_silence_is_told_where_nothing_else_wakes_the_session() -> None:
+    bench = SessionBench(Session(Settings(wire=CanWire(), **SHOWN)))
+    bench.open()
+    bench.session.hear_status(STOPPED, bench.now)
+    bench.wait(5.0)
+    assert bench.session.values(bench.now)['shown on the remote'].startswith(NO_NEWS[0])
+
+
+def test_mux_that_was_never_heard_is_told() -> None:
+    remote = Remote().say(None, 3.5)
+    assert remote.shown == NO_NEWS
+    assert not remote.rumbles
+
+
+def test_remote_that_connects_anew_shows_the_newest() -> None:
+    remote = Remote().say(READY, 2.0)
+    remote.vsc.apply('reboot')
+    remote.say(STOPPED, 2.0)
+    remote.vsc.apply('mode operational')
+    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
+
+
+def test_node_that_ends_takes_the_state_off_the_display_behind_its_stop() -> None:
+    remote = Remote(require_software_estop=True).say(ACTIVE, 3.0)
+    farewell = remote.session.farewell(remote.now)
+    assert farewell[0] == STOP
+    for frame in farewell:
+        remote.vsc.receive(frame, remote.now)
+    assert remote.vsc.values[99] == 0
+    assert not opened(**SHOWN).session.farewell(100.0)  # nothing was shown
+
+
+# -- the user's text ------------------------------------------------------------------------------
+
+
+def test_text_of_the_user_is_shown_while_the_mux_lets_drive() -> None:
+    remote = Remote().say(ACTIVE, 2.0)
+    remote.session.set_display_text('bucket\nopen', remote.now)
+    assert remote.say(ACTIVE, 2.0).shown == ('bucket', 'open', '', '')
+    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
+    remote.session.set_name(92, 'later', remote.now)
+    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
+    assert remote.say(ACTIVE, 2.0).shown == ('bucket', 'open', 'later', '')
+    remote.session.set_display_text('', remote.now)
+    assert remote.say(ACTIVE, 2.0).shown == lines_of(ACTIVE)
+
+
+def test_text_that_the_wire_cannot_carry_is_refused_and_changes_nothing() -> None:
+    bench = SessionBench(Session(Settings(wire=CanWire(), **SHOWN)))
+    bench.open()
+    with pytest.raises(ValueError, match='18 characters at most'):
+        bench.session.set_display_text('x' * 19, bench.now)
+    bench.session.hear_status(ACTIVE, bench.now)
+    bench.wait(1.0)
+    assert bench.session.values(bench.now)['shown on the remote'] == 'ACTIVE /  /  / '
+
+
+def test_display_mode_of_the_user_stays() -> None:
+    remote = Remote()
+    remote.session.set_feedback(99, 3, remote.now)
+    assert remote.say(STOPPED, 2.0).vsc.display == 'its own: values'
+
+
+def test_can_remote_shows_the_same() -> None:
+    bench, vsc = SessionBench(Session(Settings(wire=CanWire(), **SHOWN))), CanSimulator()
+    vsc.apply('mode operational')
+    bench.open()
+    bench.session.hear_status(STOPPED, bench.now)
+    bench.wait(1.9)
+    for at, frame in bench.sent:
+        vsc.receive(frame, at)
+    vsc.poll(bench.now)
+    assert tuple(vsc.display.split('\n')) == lines_of(STOPPED)
+    assert not vsc.broken_strings
+    assert not any(vsc.too_fast.values())
+
+
+# -- the rumble -----------------------------------------------------------------------------------
+
+HELD = replace(STOPPED, refused=True)
+STORIES: list[tuple[str, Sequence[MuxStatus], int]] = [
+    ('begins stopped', (STOPPED, STOPPED), 0),
+    ('stop', (ACTIVE, STOPPED, replace(STOPPED, code='mux.reset.due')), 1),
+    ('stop of a machine at rest', (READY, STOPPED), 1),
+    ('ramp, then stopped', (ACTIVE, MuxStatus('STOPPING', 'mux.stopping'), STOPPED), 1),
+    ('deadman in a stop', (STOPPED, HELD, HELD), 1),
+    ('deadman twice', (STOPPED, HELD, STOPPED, HELD), 2),
+    ('stop with the deadman held', (ACTIVE, HELD, HELD), 1),
+    ('deadman too early', (READY, replace(READY, refused=True)), 1),
+    ('deadman lost to another', (ACTIVE, MuxStatus('ACTIVE', owner='x', refused=True)), 0),
+    ('reset', (STOPPED, READY, ACTIVE, READY), 0),
+]
+
+
+@pytest.mark.parametrize(('said', 'rumbles'), [each[1:] for each in STORIES])
+def test_remote_rumbles_once_a_stop_and_once_a_refused_deadman(
+    said: Sequence[MuxStatus], rumbles: int
+) -> None:
+    remote = Remote()
+    for status in said:
+        remote.say(status, 0.5)
+    assert remote.rumbles == rumbles
+    assert {side for _, side in remote.vsc.rumbles} <= {'both'}
+
+
+# -- it never delays what counts ------------------------------------------------------------------
+
+
+def random_status(rng: random.Random) -> MuxStatus:
+    state = rng.choice(['STOPPED', 'READY', 'ACTIVE', 'STOPPING'])
+    code, about = rng.choice(list(TEXTS)), rng.choice(['', 'fort', 'drive'])
+    return MuxStatus(state, code, about, drives=rng.random() < 0.3, refused=rng.random() < 0.3)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_display_delays_no_heartbeat_and_no_stop(seed: int) -> None:
+    """Two sessions, of which one shows a status, on lines that are busy at the same moments."""
+    rng = random.Random(seed)
+    shows, plain = opened(**SHOWN), opened()
+    for _ in range(1500):
+        if rng.random() < 0.3:
+            shows.session.hear_status(random_status(rng), shows.now)
+        if rng.random() < 0.05:
+            stop = rng.random() < 0.5
+            for bench in (shows, plain):
+                bench.session.set_software_estop(stop, bench.now)
+        if rng.random() < 0.02:
+            bits = rng.choice([0, 1, 0x40])
+            for bench in (shows, plain):
+                bench.hear(heartbeat(estop=bits))
+        busy = rng.random() < 0.2
+        step = rng.uniform(0.001, 0.03)
+        for bench in (shows, plain):
+            bench.busy = busy
+            bench.now += step
+            bench.poll()
+    assert shows.frames(0x21) == plain.frames(0x21)
+    assert len(shows.frames(0x31)) > 10
+    for kind, least in (0x30, 0.05), (0x31, 0.25):
+        assert min(gaps(shows.frames(kind))) >= least - 1e-9
+
+
+def test_heartbeat_is_the_first_frame_of_every_poll() -> None:
+    rng = random.Random(1)
+    bench = opened(**SHOWN)
+    for _ in range(2000):
+        bench.session.hear_status(random_status(rng), bench.now)
+        bench.now += rng.uniform(0.001, 0.03)
+        _, frames = bench.session.poll(bench.now)
+        for frame in frames:
+            bench.session.sent(frame, bench.now)
+        assert not any(frame in (CLEAR, STOP) for frame in frames[1:])
+
+
+def test_session_without_the_parameter_sends_and_says_nothing_of_it() -> None:
+    bench = opened()
+    bench.wait(5.0)
+    assert not bench.frames(0x31)
+    assert not bench.frames(0x30)
+    assert 'shown on the remote' not in bench.session.values(bench.now)
