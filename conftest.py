@@ -19,6 +19,7 @@ import pytest
 
 from bridge_core import output
 from bridge_core.transports import active, can_pumped, can_socket, link, wire
+from rugged_teleop import ports
 from stage.can_rig import CanBus, make_bus
 from stage.link_rig import Bench
 from stage.rig import ENDING, NodeProcess, Observer, own_domain, Pty
@@ -28,6 +29,7 @@ _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
 own_domain()
 output._LAST_TIME = 20.0  # s, for the last words of a node on a busy machine
+ports._ANSWER_TIME = 20.0  # s, for the answer of a simulated device there
 NodeProcess.forked = True
 # No test asserts a speed: an example that takes long is one on a busy machine. The examples are
 # the same each time: what passed once passes on.
