@@ -114,7 +114,7 @@ device stops: do, device
     -> as it says: what to do stands first
 device warns: look, device
     {node}: {text}
-    -> as it says, unless it is only that the node does not run and nobody answers the device
+    -> as it says
 device unasked: look, device
     {node}: its device is heard, and says: {text}
     -> start the node, or let doctor --probe, and look again: nobody asks or commands it now

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import errno
 import fcntl
 import os
@@ -37,6 +37,7 @@ _LEAST_BYTES = 16  # by which a protocol can be told
 _SAMPLE = 8192  # bytes by which it is
 _MOST_DATA = 1 << 16  # bytes, or frames, that are kept
 _SOUND = 0.5  # share of the bytes that have to be of a protocol
+_UNANSWERED = 'It may be only that the node does not run, and nobody answers the device'
 
 
 class Port(Protocol):
@@ -205,7 +206,9 @@ def device_findings(node: Configured, heard: Heard) -> list[Finding]:
     stop = 'device unasked' if asked and not heard.probed else 'device stops'
     warnings = () if asked else heard.warnings
     findings = [passed(stop, text, **words) for text in heard.stops]
-    findings += [passed('device warns', text, **words) for text in warnings]
+    for text in warnings:
+        warned = passed('device warns', text, **words)
+        findings.append(replace(warned, remedy=f'{warned.remedy}. {_UNANSWERED}'))
     return findings or [finding('device well', text=heard.summary, **words)]
 
 

@@ -398,6 +398,7 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
         ({'outputs': ['red', 'green']}, 'one is needed for each'),
         ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
         ({'outputs': ['red'], 'transport': 'gpio'}, 'stands there twice'),
+        ({'outputs': ['red', 'green'], 'output_lines': [3, 3]}, 'stands there twice'),
         ({'key_lines': [4], 'key_speeds': [1.0, 0.3]}, 'the first one must be the least'),
         (
             {
@@ -416,3 +417,9 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
 def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Settings.from_parameters(values_of(PARAMETERS, **changes))
+
+
+def test_times_at_their_limit_and_speeds_of_no_key_are_allowed() -> None:
+    least = {'link_timeout': 0.2, 'answer_time': 0.05, 'poll_rate': 15.0}
+    given = {**least, 'key_speeds': [1.0, 0.3]}
+    assert Settings.from_parameters(values_of(PARAMETERS, **given)).keys == ()

@@ -83,8 +83,8 @@ def test_operator_who_has_sent_nothing_has_no_age_and_that_is_no_creeping() -> N
     report = rig.node.report(rig.now)
     assert [age.worst for age in report.ages][1] == math.inf
     assert [age.kind for age in report.ages] == ['e-stop source', 'operator', 'drive', 'feedback']
-    assert report.creeping == ''
-    assert Rig().node.report(64.0).creeping == ''  # nobody has proven anything
+    assert report.creeping is None
+    assert Rig().node.report(64.0).creeping is None  # nobody has proven anything
 
 
 def test_second_node_of_the_name_vouches_for_nothing_and_tells_no_age() -> None:

@@ -19,9 +19,12 @@ ENDS = SoftEnds(-1.0, 5.0, MOST**2 / SLOWING, MOST)
 STEP, LATE = 0.01, 3  # s; messages by which a position is old
 
 
-def limiter() -> EndedLimiter:
+def limiter(way: float = 1.0) -> EndedLimiter:
+    """Return a limiter. :param way: -1: its mast turns the other way round."""
     limit = JointLimit(MOST, 100.0, SLOWING)
-    return EndedLimiter(JointLimiter([limit, limit]), {1: ENDS}, ['wheel', 'mast'])
+    least, most = sorted((way * ENDS.least, way * ENDS.most))
+    ends = SoftEnds(least, most, ENDS.slow_zone, MOST)
+    return EndedLimiter(JointLimiter([limit, limit]), {1: ends}, ['wheel', 'mast'])
 
 
 @pytest.mark.parametrize(
@@ -92,29 +95,30 @@ def test_speed_limit_counts_before_the_end_does() -> None:
     assert ended.step((0.0, 2.0), 0.1, 0.0)[1] == pytest.approx(0.05)
 
 
-def at_speed(speed: float, position: float) -> EndedLimiter:
+def at_speed(speed: float, position: float, way: float = 1.0) -> EndedLimiter:
     """Return a limiter with the mast in motion there."""
-    ended = limiter()
+    ended = limiter(way)
     ended.hear([position])
     assert ended.step((0.0, speed), 0.1)[1] == speed
     ended.hear([position])
     return ended
 
 
-def test_joint_that_is_not_heard_counts_as_moved_and_is_not_freed_by_the_way_back() -> None:
-    ended = at_speed(2.0, 2.0)
-    for _ in range(9):
-        ended.step((0.0, 2.0), 0.1)
-    assert ended.output[1] < 1.7, 'as if it were at 3.6 rad by now'
-    for _ in range(90):
-        ended.step((0.0, 2.0), 0.1)
-    assert ended.output[1] == pytest.approx(0.0, abs=1e-3), 'as if it were at the end'
-    for _ in range(20):
-        ended.step((0.0, -1.0), 0.1)
-    assert ended.output[1] == pytest.approx(-1.0)
-    for _ in range(20):
-        ended.step((0.0, 2.0), 0.1)
-    assert ended.output[1] == pytest.approx(0.0, abs=1e-3), 'it may not have gone back'
+@pytest.mark.parametrize('way', [1.0, -1.0])
+def test_joint_that_is_not_heard_counts_as_moved_and_is_not_freed_by_the_way_back(
+    way: float,
+) -> None:
+    ended = at_speed(way * 2.0, way * 2.0, way)
+
+    def after(steps: int, target: float) -> float:
+        for _ in range(steps):
+            ended.step((0.0, way * target), 0.1)
+        return way * ended.output[1]
+
+    assert 1.0 < after(9, 2.0) < 1.7, 'as if it were at 3.6 rad by now'
+    assert after(90, 2.0) == pytest.approx(0.0, abs=1e-3), 'as if it were at the end'
+    assert after(20, -1.0) == pytest.approx(-1.0)
+    assert after(20, 2.0) == pytest.approx(0.0, abs=1e-3), 'it may not have gone back'
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
@@ -146,21 +150,23 @@ FAULTS: dict[str, Callable[[float], float]] = {
 }
 
 
+@pytest.mark.parametrize('way', [1.0, -1.0])
 @pytest.mark.parametrize('fault', FAULTS)
 @pytest.mark.parametrize('speed', [0.1, 0.7, 2.0])
 @pytest.mark.parametrize('start', [-1.0, 0.0, 1.4])
 def test_joint_does_not_go_far_beyond_an_end_on_positions_that_go_wrong(
-    fault: str, speed: float, start: float
+    way: float, fault: str, speed: float, start: float
 ) -> None:
-    """By half a zone at most, until it is noticed."""
-    ended, position, seen = limiter(), start, FAULTS[fault]
+    """By half a zone at most, until it is noticed; the same the other way round."""
+    ended, position, seen = limiter(way), start, FAULTS[fault]
     with contextlib.suppress(MalformedInput):
         for _ in range(round(9.0 / speed / STEP)):
-            ended.hear([seen(position)])
-            position += ended.step((0.0, speed), STEP)[1] * STEP
+            ended.hear([way * seen(position)])
+            position += way * ended.step((0.0, way * speed), STEP)[1] * STEP
             assert position <= ENDS.most + ENDS.slow_zone / 2.0 + MOST * STEP
         return
-    ended.hear([seen(position)])  # the next one is where it begins
+    ended.step((0.0, way), STEP)
+    ended.hear([way * seen(position)])  # that is where it begins again
 
 
 def test_positions_between_two_steps_hide_no_fault() -> None:

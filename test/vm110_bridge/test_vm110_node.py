@@ -28,7 +28,8 @@ from stage.run_delay import RunDelay
 from stage.talkers import namespace, Talker, values_of
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.protocol import BuState
-from vm110_bridge.simulator import base_unit, build_packet, build_vrpi, Simulator
+from vm110_bridge.simulator import build_packet, build_vrpi, Simulator
+from vm110_bridge.simulator.base_unit import OUTPUT_TIMEOUT
 
 pytestmark = pytest.mark.waits(120)
 NAME = 'vm110_bridge'
@@ -367,11 +368,11 @@ def outputs_since(bench: Bench, before: int) -> int:
 
 @pytest.mark.parametrize('heard', [True, False])
 def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
-    observer: Observer, monkeypatch: pytest.MonkeyPatch, heard: bool
+    observer: Observer, heard: bool
 ) -> None:
-    # A base unit that has opened its relays by itself is sent VRPO all the same.
-    monkeypatch.setattr(base_unit, 'OUTPUT_TIMEOUT', math.inf)
     with bench_of(observer, {'crc': 'mpeg2'}) as bench:  # known, so that the first goes at once
+        # A base unit that has opened its relays by itself is sent VRPO all the same.
+        bench.station.look(lambda unit: setattr(unit, 'output_timeout', math.inf))
         bench.arm()
         if heard:
             hold = Talker(observer, Bool, f'{bench.prefix}/hold_output', Bool(data=False))
@@ -386,7 +387,7 @@ def test_activation_undoes_no_hold_of_a_publisher_that_is_gone(
             return
         bench.wait(lambda: 'what publishes ~/hold_output' in bench.status().message, 'why')
         assert outputs(bench) == before
-        monkeypatch.undo()
+        bench.station.look(lambda unit: setattr(unit, 'output_timeout', OUTPUT_TIMEOUT))
         bench.wait(lambda: bench.station.look(lambda unit: not unit.relays_closed), 'open relays')
 
 
