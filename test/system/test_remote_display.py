@@ -172,10 +172,12 @@ def test_fault_is_shown_as_the_page_says(
         spine.wait(lambda: spine.values.get('code') == code, f'{code} in ~/status', 15.0)
 
     def is_shown() -> bool:
-        status = status_from(spine.values, f'/{VSC}/joy') if code else None
-        return sent(spine) == lines_of(status)
+        if not code:
+            return sent(spine) == lines_of(None)
+        shown = sent(spine) == lines_of(status_from(spine.values, f'/{VSC}/joy'))
+        return shown and spine.values['code'] == code
 
-    spine.wait(is_shown, 'on the display')
+    spine.wait(is_shown, f'{code} on the display')
     SEEN[words] = row(words, code, spine)
     if not os.environ.get('RUGGED_TELEOP_IMAGES'):
         assert SEEN[words] in PAGE.read_text(encoding='utf-8')
