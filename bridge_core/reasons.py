@@ -14,8 +14,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 import re
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+T = TypeVar('T')
 _KEY = re.compile(r'code\.(\d+)(?:\.(\w+))?')
 _FIELD = re.compile(r'\{(\w+)\}')
 
@@ -116,8 +117,20 @@ def entries(text: str) -> dict[str, Entry]:
 
     These are a sentence each, ``-> `` and a step, or ``more `` and a page. A line that is indented
     deeper goes on.
+
+    :raises ValueError: a code stands there twice.
     """
-    return dict(_entries(text))
+    return by_code(_entries(text))
+
+
+def by_code(rows: Iterable[tuple[str, T]]) -> dict[str, T]:
+    """Return what stands behind each code. :raises ValueError: one stands there twice."""
+    found: dict[str, T] = {}
+    for code, row in rows:
+        if code in found:
+            raise ValueError(f'{code} stands there twice')
+        found[code] = row
+    return found
 
 
 def _entries(text: str) -> Iterator[tuple[str, Entry]]:

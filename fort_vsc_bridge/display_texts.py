@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from bridge_core.reasons import Coded, from_values
+from bridge_core.reasons import by_code, Coded, from_values
 
 WIDTH = 18  # characters; serial has 20
 LINES = 4
@@ -157,7 +157,6 @@ io.link.silent: I/O not heard | Check its power
 port: Port is not open | Call technician
 port.missing: Device unplugged | Plug it in
 port.dead: Device is dead | Plug it in anew
-wire: Its process died | Wait
 link: Line is damaged | Check its cable
 wire: Node restarts | Wait | Call technician
 node: Node is inactive | Call technician
@@ -225,7 +224,7 @@ mux.drive.disabled: Not enabled: | {} | Wait
 
 def _read(table: str) -> dict[str, tuple[str, ...]]:
     rows = (line.split(': ', 1) for line in table.splitlines() if line)
-    return {code: tuple(text.split(' | ')) for code, text in rows}
+    return by_code((code, tuple(text.split(' | '))) for code, text in rows)
 
 
 TEXTS: Mapping[str, tuple[str, ...]] = MappingProxyType(_read(_TABLE))

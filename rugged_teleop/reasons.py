@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from bridge_core import shared_reasons
 from bridge_core.reasons import (
+    by_code,
     cause_of,
     causes,
     Entry,
@@ -29,10 +30,9 @@ _CODE = re.compile(
 @cache
 def catalogue() -> Mapping[str, Entry]:
     """Return the entries of all packages."""
-    found = {**shared_reasons.REASONS, **mux_reasons.REASONS}
-    for device in devices().values():
-        found |= device.reasons
-    return found
+    of_devices = (device.reasons for device in devices().values())
+    tables = (shared_reasons.REASONS, mux_reasons.REASONS, *of_devices)
+    return by_code(row for table in tables for row in table.items())
 
 
 class ToDo(NamedTuple):

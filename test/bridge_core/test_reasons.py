@@ -75,3 +75,8 @@ def test_catalogue_is_read_with_lines_that_go_on() -> None:
     assert list(CATALOGUE) == ['x.stop', 'x.step', 'x.echo', 'x.other', 'x.note']
     assert CATALOGUE['x.step'].steps == ('Go on',)
     assert CATALOGUE['x.stop'].more == 'x.md'
+
+
+def test_code_that_stands_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match='stands there twice'):
+        entries('x.stop: stop, operator: A\n    a\nx.stop x.b: note, operator: B\n    b')
