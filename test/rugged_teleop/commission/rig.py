@@ -54,7 +54,7 @@ class Fault(NamedTuple):
     What is planted, and what has to be said of it.
 
     :param step: that finds it. :param says: in its text.
-    :param expected: begins that of the phases in which nothing comes.
+    :param expected: begins that of the phases in which nothing comes; empty: as ``says`` has it.
     :param dead: words of the simulator that do nothing. :param instead: others in their place.
     :param device: commands before, and :param mended: after; each is node and words.
     :param wheels: by joint what turns, and how far. :param missing: a parameter that the file has
@@ -106,8 +106,8 @@ class Trial:
             node, _, words = command.partition(' ')
             self.simulated.ports[node].apply(words)
 
-    def plant(self, fault: Fault) -> Record:
-        """Do the step that finds a fault, with it; mend it."""
+    def plant(self, fault: Fault) -> None:
+        """Do the step that finds a fault, with it, and see it named; mend it."""
         simulated = self.simulated
         simulated.dead, simulated.instead = set(fault.dead), dict(fault.instead)
         simulated.wheels = {joint: (wheel, share) for joint, wheel, share in fault.wheels}
@@ -118,7 +118,10 @@ class Trial:
             self.relay.set(LATE)
         try:
             self.forget(fault.missing)
-            return self.run(fault.step, fault.expected, fault.says)
+            expected = fault.expected or fault.says.partition('expected: ')[2]
+            record = self.run(fault.step, expected, fault.says)
+            assert record.result is Result.FAILED, record
+            assert fault.says in record.text, record
         finally:
             simulated.dead, simulated.instead, simulated.wheels = set(), {}, {}
             simulated.welded = set()
@@ -126,6 +129,12 @@ class Trial:
             self.apply(fault.mended)
             if self.relay is not None:
                 self.relay.set()
+
+    def passes(self, name: str) -> Record:
+        """Do one step, and see it pass."""
+        record = self.run(name)
+        assert record.result is Result.PASSED, record
+        return record
 
     def run(self, name: str, expected: str = '', says: str = '') -> Record:
         """

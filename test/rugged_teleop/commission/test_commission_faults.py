@@ -110,7 +110,6 @@ FAULTS = {
         'motion.fort.deadman',
         'expected: a stop',
         dead=('button left_down 0',),
-        expected='a stop',
         mended=(f'{VSC} button left_down 0',),
     ),
     'receiver that holds': Fault(
@@ -169,16 +168,12 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trial]:
 
 @pytest.mark.parametrize('name', FAULTS)
 def test_planted_fault_is_named(machine: Trial, name: str) -> None:
-    fault = FAULTS[name]
-    record = machine.plant(fault)
-    assert record.result is Result.FAILED, record
-    assert fault.says in record.text
+    machine.plant(FAULTS[name])
 
 
 @pytest.mark.parametrize('step', sorted({fault.step for fault in FAULTS.values()}))
 def test_same_step_passes_without_fault(machine: Trial, step: str) -> None:
-    record = machine.run(step)
-    assert record.result is Result.PASSED, record
+    machine.passes(step)
 
 
 def test_brake_of_full_torque_passes(machine: Trial) -> None:
@@ -189,8 +184,7 @@ def test_brake_of_full_torque_passes(machine: Trial) -> None:
 
 
 def test_stop_is_measured_and_recorded(machine: Trial) -> None:
-    record = machine.run('motion.fort.wired')
-    assert record.result is Result.PASSED, record
+    record = machine.passes('motion.fort.wired')
     assert {*record.stopping} == {'left', 'right'}
     assert all(each['speed'] > 0.0 and each['angle'] > 0.0 for each in record.stopping.values())
     assert 'joints left' in record.series

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from rugged_teleop.commission.step import Result
 from test.rugged_teleop.commission.rig import Fault, FILE, Trial, trial, VM110_FILE
 
 pytestmark = [pytest.mark.waits(120.0)]
@@ -68,13 +67,9 @@ def machine(node: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tri
 
 @pytest.mark.parametrize(('node', 'name'), ROWS, indirect=['node'], scope='module')
 def test_planted_fault_is_named(machine: Trial, node: str, name: str) -> None:
-    fault = FAULTS[node][name]
-    record = machine.plant(fault._replace(expected=fault.says.partition('expected: ')[2]))
-    assert record.result is Result.FAILED, record
-    assert fault.says in record.text
+    machine.plant(FAULTS[node][name])
 
 
 @pytest.mark.parametrize(('node', 'step'), STEPS, indirect=['node'], scope='module')
 def test_same_step_passes_without_fault(machine: Trial, node: str, step: str) -> None:
-    record = machine.run(step)
-    assert record.result is Result.PASSED, record
+    machine.passes(step)
