@@ -61,11 +61,20 @@ def pressed(source: str, node: str, bound: float, counts: bool = True) -> Look:
             return None
         began, of_what = began_at(heard, marks['since'], said, node)
         what = 'STOPPED' if counts else 'its topic'
+        if ended < began:
+            return _too_early(heard, 'the mux was STOPPED', ended, began, of_what)
         took = Measured(f'from {of_what} to {what}', ended - began, limit=bound)
         measured = (took,) if of_what != what else ()
         return Seen(True, f'seen: {source} demands a stop', measured, {'began': began})
 
     return look
+
+
+def _too_early(heard: History, what: str, ended: float, began: float, of_what: str) -> Seen:
+    """Say that it stopped by itself, before the cause, and why."""
+    said = (each for _, each in heard.since('status', ended) if each.get('state') != 'ACTIVE')
+    why = reason_of(next(said, heard.last('status', {})))
+    return Seen(False, f'{what} {began - ended:.2f} s before {of_what}: {why}')
 
 
 def began_at(heard: History, since: float, said: float, node: str) -> tuple[float, str]:
@@ -335,6 +344,8 @@ def disabled(
         elif cause.startswith(END_OF):
             channel = cause.removeprefix(END_OF)
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
+        if ended < began:
+            return _too_early(heard, 'the drive was disabled', ended, began, of_what)
         to_what = 'the first disable packet' if packet else 'the drive that says it is disabled'
         took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})

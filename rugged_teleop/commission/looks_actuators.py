@@ -276,7 +276,7 @@ def _speed(heard: History, node: str, name: str, at: float) -> float:
     samples = [
         (when, each[name]) for when, each in heard.since(f'places {node}', at - 0.5) if when <= at
     ]
-    if len(samples) < 2:
+    if not samples or samples[0][0] == samples[-1][0]:  # late ones come at one moment
         return 0.0
     (first, place), (last, end) = samples[0], samples[-1]
     return float(abs(end - place) / (last - first))

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 from dataclasses import replace
 import fcntl
@@ -161,6 +161,14 @@ def _impatient(step: Step, expected: str) -> Step:
         for phase in step.phases
     )
     return replace(step, phases=tuple(phases))
+
+
+def mostly_proof(rows: Iterable[Any], *kept: str) -> Iterator[Any]:
+    """Leave to make proof all but these of the sound steps: a busy machine is late by itself."""
+    for row in rows:
+        name = row if isinstance(row, str) else row[-1]
+        marks = () if name in kept else (pytest.mark.proof,)
+        yield pytest.param(*([row] if isinstance(row, str) else row), marks=marks)
 
 
 class ForkedMachine(SimulatedMachine):

@@ -15,7 +15,7 @@ from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core.decoding import StreamDecoder
 from bridge_core.device import Hands, Switch
-from rugged_teleop.commission import looks
+from rugged_teleop.commission import looks, looks_actuators
 from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import read_machine
@@ -296,10 +296,26 @@ def test_stop_that_came_before_its_frame_fails() -> None:
     seen = looks.disabled('estop b', '/a', 0.5)(heard, {'since': 1.1}, 2.0)
     assert seen is None, 'b says nothing'
     heard.add('estop b', 1.6, True)
+    for at, status in (
+        (1.2, {'state': 'ACTIVE'}),
+        (1.6, {'state': 'STOPPED', 'last transition': 'ACTIVE to STOPPED, 0.2 s ago: a says so'}),
+        (1.9, {'state': 'STOPPED', 'last transition': 'READY to STOPPED, 0.1 s ago: b says so'}),
+    ):
+        heard.add('status', at, status)
     seen = looks.disabled('estop b', '', 0.5)(heard, {'since': 1.1}, 2.0)
     assert seen is not None
-    assert not seen.measured[0].is_within
-    assert 'impossible' in seen.measured[0].text
+    assert not seen.ok
+    assert seen.text == 'the drive was disabled 0.25 s before its topic: a says so'
+    seen = looks.pressed('b', '', 0.5)(heard, {'since': 1.1}, 2.0)
+    assert seen is not None
+    assert not seen.ok
+    assert seen.text == 'the mux was STOPPED 0.20 s before its topic: a says so'
+
+
+@pytest.mark.parametrize('times', [(1.2, 1.2, 1.2), (1.2,), ()])
+def test_speed_of_positions_that_came_at_one_moment_is_unknown(times: tuple[float, ...]) -> None:
+    heard = _heard(*(('places /n', at, {'pan': 0.1 * n}) for n, at in enumerate(times)))
+    assert looks_actuators._speed(heard, '/n', 'pan', 1.5) == 0.0
 
 
 def test_nothing_is_measured_from_a_topic_to_itself() -> None:
