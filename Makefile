@@ -41,7 +41,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 # What starts nodes by the hundred has them compiled once.
-demo test campaign soak: export PYTHONDONTWRITEBYTECODE =
+demo test campaign soak $(VENV)/.collected: export PYTHONDONTWRITEBYTECODE =
 # The messages of nodes import numpy, whose threads spin at each start: a quarter of a second of work.
 demo test: export OPENBLAS_NUM_THREADS ?= 1
 
@@ -50,7 +50,7 @@ demo test: export OPENBLAS_NUM_THREADS ?= 1
 demo: $(STAMP)
 	$(BIN)/python -m demo $(ARGS)
 
-test: $(STAMP)
+test: $(STAMP) $(VENV)/.collected
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=10 $(ARGS)
 
 proof: $(STAMP)
@@ -110,6 +110,11 @@ clean:
 # Made anew, not mended, whenever what it is made from has changed.
 $(STAMP): requirements.txt requirements-dev.txt requirements-locked.txt requirements-ros-locked.txt setup.py setup.cfg pyproject.toml .ci/make_venv
 	PYTHON='$(PYTHON)' .ci/make_venv $(VENV) $(ROS)
+	@touch $@
+
+# What asserts is rewritten once, and not by each worker of the first run.
+$(VENV)/.collected: $(STAMP)
+	-@$(BIN)/python -m pytest --collect-only -qq >/dev/null
 	@touch $@
 
 $(DOCS_VENV)/.ready: requirements-docs.txt

@@ -33,7 +33,7 @@ from ssc_bridge.node import SscBridge
 from vm110_bridge.protocol import Crc
 
 CORPUS = corpus()
-INPUTS = 20_000  # for each parser, beside the corpus; less for what takes longer
+INPUTS = 10_000  # for each parser, beside the corpus; less for what takes longer
 _FEW = 100
 pytestmark = pytest.mark.computes(60)  # in all
 
