@@ -18,6 +18,7 @@ import argparse
 from collections.abc import Sequence
 import contextlib
 from functools import partial
+import math
 from pathlib import Path
 import sys
 import tempfile
@@ -134,11 +135,12 @@ def hold(seconds: float, rt_priority: int) -> Figures:
 def measure(size: Size = USUAL) -> dict[str, Figures]:
     """Return each kind's reactions (s), the bare chain between all others, and their cost."""
     count, fewer, rest = size.stops, size.fewer, size.seconds
-    found = {'floor estop': react('floor', count).figures()}
-    bare = [react('bare', count, rest=rest)]
+    third = math.ceil(count / 3)
+    found = {'floor estop': react('floor', fewer).figures()}
+    bare = [react('bare', third, rest=rest)]
     for kind in ('three', 'stack'):
         result = react(kind, count, rest=rest)
-        bare.append(react('bare', count))
+        bare.append(react('bare', third))
         found[f'{kind} estop'] = result.figures()
         found[f'{kind} rest'] = result.rest
     for what in STOPS[1:]:
