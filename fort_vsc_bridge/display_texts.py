@@ -13,11 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from bridge_core.reasons import by_code, Coded, from_values
+from bridge_core.reasons import by_code, Coded, from_values, NAMES
 
 WIDTH = 18  # characters; serial has 20
 LINES = 4
-_NAMES = ('source', 'operator', 'owner', 'drive', 'name', 'joint', 'limit', 'node')
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ def status_from(values: Mapping[str, str], joy: str) -> MuxStatus:
     code = values.get('code', '')
     alike = [each for each in from_values(values) if isinstance(each, Coded) and each.code == code]
     alike.sort(key=lambda each: each.fields.get('operator', '') not in own)
-    named = (alike[0].fields[name] for name in _NAMES if alike and name in alike[0].fields)
+    named = (alike[0].fields[name] for name in NAMES if alike and name in alike[0].fields)
     about, owner = next(named, ''), values.get('owner', 'none')
     return MuxStatus(
         state=values.get('state', ''),

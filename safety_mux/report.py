@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from bridge_core import report
-from bridge_core.reasons import causes, Coded, passed_on, to_values
+from bridge_core.reasons import Coded, passed_on, to_values
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
 from safety_mux.commissioned import Tried
@@ -96,9 +96,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
         if around.tried.problem:
             warnings.append(Coded('mux.commissioning', around.tried.problem))
     values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
-    for first in causes(inhibits, REASONS)[:1]:
-        values['code'] = getattr(first, 'code', '')
-    values |= to_values([*inhibits, *warnings]) | values
+    values |= to_values([*inhibits, *warnings], REASONS)
     limits = [*status.slowed, *around.ends]
     if limits:
         values['slowed'] = '; '.join(limits)

@@ -64,6 +64,12 @@ def test_sessions_return_sentences_with_a_code_alone(name: str) -> None:
         assert re.findall('Coded|str', returned) == ['Coded'], method
 
 
+@pytest.mark.parametrize('name', devices())
+def test_node_says_how_urgent_its_own_codes_are(name: str) -> None:
+    node = getattr(importlib.import_module(f'{name}.node'), devices()[name].node_class)
+    assert node.REASONS is devices()[name].reasons
+
+
 @pytest.mark.parametrize(('code', 'entry'), catalogue().items(), ids=list(catalogue()))
 def test_entry_is_read_at_a_glance_and_is_on_a_page(code: str, entry: Entry) -> None:
     assert entry.who in WHO
