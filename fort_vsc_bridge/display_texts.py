@@ -166,6 +166,8 @@ gate.stopped: Drive is stopped | End other stops
 gate.neutral: Not at neutral | Let go of sticks
 gate.edge: Deadman was held | Release it | Press it again
 
+recorder: Recorder fault | Call technician
+
 mux: Mux fault | Call technician
 mux.stopped: Stopped | Wait
 mux.stopping: Ramp to standstill | Wait

@@ -22,6 +22,7 @@ from bridge_core.reasons import (
     steps_of,
 )
 from rugged_teleop.devices import devices
+from rugged_teleop.recorder import reasons as recorder_reasons
 from safety_mux import reasons as mux_reasons
 
 _CODE = re.compile(
@@ -33,7 +34,8 @@ _CODE = re.compile(
 def catalogue() -> Mapping[str, Entry]:
     """Return the entries of all packages."""
     of_devices = (device.reasons for device in devices().values())
-    tables = (shared_reasons.REASONS, mux_reasons.REASONS, *of_devices)
+    ours = shared_reasons.REASONS, mux_reasons.REASONS, recorder_reasons.REASONS
+    tables = (*ours, *of_devices)
     return by_code(row for table in tables for row in table.items())
 
 
@@ -104,6 +106,7 @@ def tables() -> dict[str, str]:
     """Return the table of each page that has one."""
     pages = {
         'docs/inhibits.md': markdown_table(mux_reasons.REASONS, 'inhibit'),
+        'docs/record.md': markdown_table(recorder_reasons.REASONS, 'message'),
         'docs/common.md': markdown_table(shared_reasons.REASONS, 'message'),
     }
     for device in devices().values():
