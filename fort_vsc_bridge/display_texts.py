@@ -27,7 +27,7 @@ class MuxStatus:
     :param state: such as STOPPED. :param code: of the most urgent reason; empty: there is none.
     :param about: whom the reason names, unless that is this remote; empty: nobody.
     :param owner: who else has control; empty: nobody, or this remote. :param drives: this has.
-    :param refused: its deadman is held, and gives no control.
+    :param refused: how often its deadman was pressed and gave no control.
     """
 
     state: str
@@ -35,7 +35,7 @@ class MuxStatus:
     about: str = ''
     owner: str = ''
     drives: bool = False
-    refused: bool = False
+    refused: int = 0
 
     @property
     def stops(self) -> bool:
@@ -63,8 +63,12 @@ def status_from(values: Mapping[str, str], joy: str) -> MuxStatus:
         about='' if about in own else about,
         owner='' if owner in own | {'none'} else owner,
         drives=owner in own,
-        refused=not own.isdisjoint(values.get('deadman refused', '').split(', ')),
+        refused=sum(_count(values.get(f'deadman of {name} refused', '')) for name in own),
     )
+
+
+def _count(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < 10 else 0  # of a foreign mux
 
 
 def lines_of(status: MuxStatus | None) -> tuple[str, ...]:

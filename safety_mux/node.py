@@ -395,6 +395,7 @@ class SafetyMux(ManagedNode):
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
+            refused={name: each.refused for name, each in self._intake.presses.items()},
             old_stamps=self._intake.old_stamps,
             ends=self._intake.ends.words,
             joys=self._inputs.joys,
