@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 import itertools
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from bridge_core.reasons import Coded, Severity, to_values
 from bridge_core.report import Status
 from bridge_core.session import Level
 from fort_vsc_bridge.display_texts import lines_of, status_from
+from rugged_teleop.commission.looks import instead
 from rugged_teleop.doctor.graph import Graph, graph_findings, Said
 from rugged_teleop.doctor.main import _as_list
 from rugged_teleop.operate import _told
@@ -88,6 +90,11 @@ def test_two_faults_at_once_have_one_order_wherever_they_are_shown(pair: tuple[s
         for each in pair
         if catalogue().get(each, catalogue()['mux.inactive'])[0] is Severity.STOP
     ]
+    trial: Any = SimpleNamespace(
+        channels=lambda kind: [],
+        last=lambda kind, *_: values if kind == 'status' else values['state'],
+    )
+    assert instead(trial, 0.0).endswith(f'the mux is STOPPED: {first.code}!')
     told = [*_cause([values])]
     assert bool(told) == (first.code in stops and first.code in catalogue())
     assert all(f'[{first.code}]' in line for line in told)
