@@ -12,6 +12,7 @@ from std_msgs.msg import UInt8
 
 from akron_can_bridge import convert
 from akron_can_bridge.parameters import PARAMETERS
+from akron_can_bridge.reasons import REASONS
 from akron_can_bridge.session import (
     DeviceChanged,
     Event,
@@ -44,6 +45,7 @@ class AkronCanBridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    REASONS = REASONS
     LINK = ProcessLink
     TELLS_DEVICE = True
     SERVICES = {request.value: Call.of(Session.request, request) for request in Request}

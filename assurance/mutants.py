@@ -152,7 +152,7 @@ _NAMES_OF_TESTS = {
     },
     'rugged_teleop/ledger/stopping.py': ('ledger_stopping', 'ledger_witness'),
     'rugged_teleop/recorder/folder.py': ('recorder',),
-    'rugged_teleop/recorder/reasons.py': ('recorder',),
+    'rugged_teleop/recorder/triggers.py': ('recorder',),
 }
 
 

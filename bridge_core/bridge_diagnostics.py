@@ -9,6 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
+from bridge_core import shared_reasons
 from bridge_core.diagnostics import to_msg
 from bridge_core.input_guard import InputGuard
 from bridge_core.reasons import Coded
@@ -26,6 +27,7 @@ class BridgeDiagnostics:
     def __init__(self, node: Any, inputs: InputGuard) -> None:
         self._node = node
         self._inputs = inputs
+        self._catalogue = {**shared_reasons.REASONS, **node.REASONS}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._faults: list[Coded] = []  # as published last
 
@@ -51,5 +53,6 @@ class BridgeDiagnostics:
         array = DiagnosticArray()
         array.header.stamp = self._node.stamp()
         for part, status in (('link', link), ('device', device)):
-            array.status.append(to_msg(status, f'{name}: {part}', hardware_id))
+            said = to_msg(status, f'{name}: {part}', hardware_id, self._catalogue)
+            array.status.append(said)
         self._publisher.publish(array)

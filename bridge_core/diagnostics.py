@@ -3,17 +3,23 @@
 
 """From a report to the messages of /diagnostics."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from bridge_core.reasons import to_values
+from bridge_core.reasons import Entry, to_values
 from bridge_core.report import Status
 
+_NONE: Mapping[str, Entry] = MappingProxyType({})
 
-def to_msg(status: Status, name: str, hardware_id: str) -> Any:
-    """Return the DiagnosticStatus under this name."""
-    values = status.values | to_values(status.reasons)
+
+def to_msg(
+    status: Status, name: str, hardware_id: str, catalogue: Mapping[str, Entry] = _NONE
+) -> Any:
+    """Return the DiagnosticStatus under this name. :param catalogue: of its reasons."""
+    values = status.values | to_values(status.reasons, catalogue)
     return DiagnosticStatus(
         level=bytes((status.level,)),
         name=name,

@@ -35,7 +35,7 @@ from bridge_core.mux_topics import MuxTopics
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
 from bridge_core.proof import Stamps
 from bridge_core.raw import RawTopics
-from bridge_core.reasons import passed_on
+from bridge_core.reasons import Entry, passed_on
 from bridge_core.report import NOT_ACTIVE, Report
 from bridge_core.services import Waiting
 from bridge_core.session import Answer, Asked, EventT, Level, StopChanged, Verdict
@@ -69,6 +69,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = BRIDGE_PARAMETERS
     BRIDGE: ClassVar[Bridge[Any]]
+    REASONS: ClassVar[Mapping[str, Entry]] = {}  # its own codes, as of its ``Device``
     LINK: ClassVar[type[Link]] = ThreadLink
     # Services (Trigger) that wait for the device, by the name of the session's Answer.
     SERVICES: ClassVar[Mapping[str, Call]] = {}

@@ -6,7 +6,8 @@ Reasons as data: a sentence carries a stable code and its numbers, a catalogue s
 
 A sentence is a ``Coded`` text. ``~/status`` and ``/diagnostics`` carry ``code.<n>`` and
 ``code.<n>.<field>`` beside it. A package that says something has a catalogue of its codes in
-``reasons.py``; tools show causes and steps from there.
+``reasons.py``; tools show causes and steps from there. The severity goes with the code, so what
+has another catalogue puts it in the same order: that of ``causes``, which is the only one.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar('T')
 _KEY = re.compile(r'code\.(\d+)(?:\.(\w+))?')
+# Fields that say whom a reason is about, what says most first.
+NAMES = ('source', 'operator', 'owner', 'drive', 'name', 'joint', 'limit', 'node')
 _FIELD = re.compile(r'\{(\w+)\}')
 
 
@@ -66,14 +69,20 @@ def passed_on(inner: str, text: str, code: str = '', /, **fields: Any) -> Coded:
     return Coded(code, text, **fields)
 
 
-def to_values(reasons: Iterable[str]) -> dict[str, Any]:
-    """Return codes and fields as key-value pairs, by the number of each reason from 1 on."""
-    values: dict[str, Any] = {}
+def to_values(reasons: Iterable[str], catalogue: Mapping[str, Entry]) -> dict[str, Any]:
+    """
+    Return codes and fields as key-value pairs, by the number of each reason from 1 on.
+
+    ``code`` is that of the most urgent one.
+    """
+    reasons = list(reasons)
+    coded = [each.code for each in causes(reasons, catalogue) if isinstance(each, Coded)]
+    values: dict[str, Any] = {'code': coded[0]} if coded else {}
     for n, reason in enumerate(reasons, 1):
         if isinstance(reason, Coded):
-            values.setdefault('code', reason.code)
+            fields = {**reason.fields, 'severity': severity_of(reason, catalogue).name.lower()}
             values[f'code.{n}'] = reason.code
-            values |= {f'code.{n}.{name}': value for name, value in reason.fields.items()}
+            values |= {f'code.{n}.{name}': value for name, value in fields.items()}
     return values
 
 
@@ -195,7 +204,10 @@ def steps_of(reason: str, catalogue: Mapping[str, Entry]) -> tuple[str, ...]:
 
 
 def severity_of(reason: str, catalogue: Mapping[str, Entry]) -> Severity:
-    """Return it; a stop where it is not known."""
+    """Return it, as who gives the reason says, or its catalogue; a stop where nobody knows it."""
+    said = str(getattr(reason, 'fields', {}).get('severity', '')).upper()
+    if said in Severity.__members__:
+        return Severity[said]
     entry = catalogue.get(reason.code) if isinstance(reason, Coded) else None
     return Severity.STOP if entry is None else entry.severity
 

@@ -23,6 +23,7 @@ from esi_drive_bridge import convert
 from esi_drive_bridge.axes import axes_of
 from esi_drive_bridge.parameters import PARAMETERS
 from esi_drive_bridge.protocol import AXIS_LETTERS
+from esi_drive_bridge.reasons import REASONS
 from esi_drive_bridge.session import (
     AxesVerdict,
     CLEAR_ERRORS,
@@ -43,6 +44,7 @@ class EsiDriveBridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    REASONS = REASONS
     LINK = ProcessLink
     SERVICES = {CLEAR_ERRORS: Call.of(Session.clear_errors)}
 

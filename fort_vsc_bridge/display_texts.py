@@ -13,11 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from bridge_core.reasons import by_code, Coded, from_values
+from bridge_core.reasons import by_code, Coded, from_values, NAMES
 
 WIDTH = 18  # characters; serial has 20
 LINES = 4
-_NAMES = ('source', 'operator', 'owner', 'drive', 'name', 'joint', 'limit', 'node')
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +27,7 @@ class MuxStatus:
     :param state: such as STOPPED. :param code: of the most urgent reason; empty: there is none.
     :param about: whom the reason names, unless that is this remote; empty: nobody.
     :param owner: who else has control; empty: nobody, or this remote. :param drives: this has.
-    :param refused: its deadman is held, and gives no control.
+    :param refused: how often its deadman was pressed and gave no control.
     """
 
     state: str
@@ -36,7 +35,7 @@ class MuxStatus:
     about: str = ''
     owner: str = ''
     drives: bool = False
-    refused: bool = False
+    refused: int = 0
 
     @property
     def stops(self) -> bool:
@@ -56,7 +55,7 @@ def status_from(values: Mapping[str, str], joy: str) -> MuxStatus:
     code = values.get('code', '')
     alike = [each for each in from_values(values) if isinstance(each, Coded) and each.code == code]
     alike.sort(key=lambda each: each.fields.get('operator', '') not in own)
-    named = (alike[0].fields[name] for name in _NAMES if alike and name in alike[0].fields)
+    named = (alike[0].fields[name] for name in NAMES if alike and name in alike[0].fields)
     about, owner = next(named, ''), values.get('owner', 'none')
     return MuxStatus(
         state=values.get('state', ''),
@@ -64,8 +63,12 @@ def status_from(values: Mapping[str, str], joy: str) -> MuxStatus:
         about='' if about in own else about,
         owner='' if owner in own | {'none'} else owner,
         drives=owner in own,
-        refused=not own.isdisjoint(values.get('deadman refused', '').split(', ')),
+        refused=sum(_count(values.get(f'deadman of {name} refused', '')) for name in own),
     )
+
+
+def _count(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < 10 else 0  # of a foreign mux
 
 
 def lines_of(status: MuxStatus | None) -> tuple[str, ...]:
@@ -166,6 +169,8 @@ gate.disabled: Drive is disabled | Press the deadman
 gate.stopped: Drive is stopped | End other stops
 gate.neutral: Not at neutral | Let go of sticks
 gate.edge: Deadman was held | Release it | Press it again
+
+recorder: Recorder fault | Call technician
 
 mux: Mux fault | Call technician
 mux.stopped: Stopped | Wait

@@ -24,6 +24,7 @@ from fort_vsc_bridge import convert
 from fort_vsc_bridge.display_texts import status_from
 from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.reasons import REASONS
 from fort_vsc_bridge.session import (
     Event,
     GpsSentence,
@@ -47,6 +48,7 @@ class FortVscBridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    REASONS = REASONS
     TELLS_DEVICE = True
 
     def __init__(self, **options: Any) -> None:

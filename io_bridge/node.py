@@ -13,6 +13,7 @@ from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
 from bridge_core.runner import run
 from io_bridge.parameters import PARAMETERS
+from io_bridge.reasons import REASONS
 from io_bridge.session import Panel, Session
 from io_bridge.wire import BRIDGE
 
@@ -22,6 +23,7 @@ class IoBridge(BridgeNode[Panel]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    REASONS = REASONS
 
     def __init__(self, **options: Any) -> None:
         self._panel = Panel()

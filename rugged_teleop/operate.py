@@ -116,8 +116,8 @@ def _told(values: Mapping[str, Any]) -> str:
     """Return the values of ~/status in lines, with the remedy of each inhibit."""
     if not values:
         return ''
-    from bridge_core.reasons import advice, from_values
-    from rugged_teleop.reasons import catalogue, to_do
+    from bridge_core.reasons import from_values
+    from rugged_teleop.reasons import explained, to_do
 
     owner, state = values.get('owner', 'none'), values.get('state', '?')
     lines = [state + ('' if owner == 'none' else f': {owner} has control')]
@@ -129,11 +129,11 @@ def _told(values: Mapping[str, Any]) -> str:
     ]
     reasons = from_values(values, texts)
     held = sum(key.startswith('inhibit ') for key in values)
-    if (first := to_do(reasons[:held], state)) is not None:
-        lines.append(first.line)
-    for reason in reasons:
-        code, steps = getattr(reason, 'code', ''), advice(reason, catalogue())
-        lines.append(f'- {reason}' + (f'\n    -> {steps} [{code}]' if steps else ''))
+    first = to_do(reasons[:held], state)
+    lines += [] if first is None else [first.line]
+    for reason, code, steps in explained(reasons, first.code if first else ''):
+        arrow = f'\n    -> {steps}' if steps else ''
+        lines.append(f'- {reason}{arrow}' + (f' [{code}]' if code else ''))
     if 'last reset' in values:
         lines.append(f'last reset: {values["last reset"]}')
     return '\n'.join(lines)

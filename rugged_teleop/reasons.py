@@ -3,23 +3,26 @@
 
 """All that nodes of this package say, by code, for the tools and for the pages."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 import re
 from typing import NamedTuple
 
 from bridge_core import shared_reasons
 from bridge_core.reasons import (
+    advice,
     by_code,
     cause_of,
     causes,
     Entry,
     in_a_line,
+    NAMES,
     Severity,
     severity_of,
     steps_of,
 )
 from rugged_teleop.devices import devices
+from rugged_teleop.recorder import reasons as recorder_reasons
 from safety_mux import reasons as mux_reasons
 
 _CODE = re.compile(
@@ -31,7 +34,8 @@ _CODE = re.compile(
 def catalogue() -> Mapping[str, Entry]:
     """Return the entries of all packages."""
     of_devices = (device.reasons for device in devices().values())
-    tables = (shared_reasons.REASONS, mux_reasons.REASONS, *of_devices)
+    ours = shared_reasons.REASONS, mux_reasons.REASONS, recorder_reasons.REASONS
+    tables = (*ours, *of_devices)
     return by_code(row for table in tables for row in table.items())
 
 
@@ -39,11 +43,12 @@ class ToDo(NamedTuple):
     """
     What to do now: the cause to act on first, and steps, three at most.
 
-    :param node: whose device says it, as diagnostics have it; or ''.
+    :param names: of whom it is: nodes, as diagnostics have them, or inputs. :param cause: and
+        these names, if there are several.
     """
 
     code: str
-    node: str
+    names: list[str]
     cause: str
     steps: list[str]
 
@@ -59,14 +64,29 @@ def to_do(inhibits: Iterable[str], state: str) -> ToDo | None:
 
     :param inhibits: of a mux. :param state: its state: a stop that was ended waits for its reset.
     """
+    inhibits = list(inhibits)
     for reason in causes(inhibits, catalogue())[:1]:
         steps = [*steps_of(reason, catalogue())]
         is_stop = severity_of(reason, catalogue()) is Severity.STOP
         if state == 'STOPPED' and is_stop and not any('eset' in step for step in steps):
             steps = [*steps[:2], 'Reset']
-        node = getattr(reason, 'fields', {}).get('node', '')
-        return ToDo(getattr(reason, 'code', ''), node, cause_of(reason, catalogue()), steps)
+        alike = [each for each in inhibits if _code(each) == _code(reason) != '']
+        names = [*dict.fromkeys(filter(None, map(_whose, [reason, *alike])))]
+        cause = cause_of(reason, catalogue())
+        if len(names) > 1:
+            is_named = names[0] in cause
+            cause += f' ({", ".join(names[is_named:])}{", too" * is_named})'
+        return ToDo(_code(reason), names, cause, steps)
     return None
+
+
+def explained(reasons: Iterable[str], told: str = '') -> Iterator[tuple[str, str, str]]:
+    """Yield each with its code and what to do, once for each code. :param told: a code."""
+    said = {told}
+    for reason in reasons:
+        code = _code(reason)
+        yield reason, code, '' if code in said else advice(reason, catalogue())
+        said.add(code)
 
 
 def markdown_table(entries: Mapping[str, Entry], head: str, folder: str = '') -> str:
@@ -86,12 +106,23 @@ def tables() -> dict[str, str]:
     """Return the table of each page that has one."""
     pages = {
         'docs/inhibits.md': markdown_table(mux_reasons.REASONS, 'inhibit'),
+        'docs/record.md': markdown_table(recorder_reasons.REASONS, 'message'),
         'docs/common.md': markdown_table(shared_reasons.REASONS, 'message'),
     }
     for device in devices().values():
         if device.reasons:
             pages[device.page] = markdown_table(device.reasons, 'message', '../')
     return pages
+
+
+def _code(reason: str) -> str:
+    return str(getattr(reason, 'code', ''))
+
+
+def _whose(reason: str) -> str:
+    """Return the node whose device says it, or whom it names; or ''."""
+    fields = getattr(reason, 'fields', {})
+    return next((str(fields[name]) for name in ('node', *NAMES) if name in fields), '')
 
 
 def _who(entry: Entry) -> str:

@@ -76,25 +76,40 @@ class Presses:
     """
     Follows the buttons of one operator, to say which are pressed instead of the deadman.
 
+    ``refused`` counts the presses of the deadman that gave no control, however short.
+
     :param deadman: indices of its buttons. :param pressed_at: least value of a pressed one.
     """
 
-    __slots__ = ('_deadman', '_pressed_at', '_since')
+    __slots__ = ('_deadman', '_is_new', '_pressed_at', '_since', 'refused')
 
     def __init__(self, deadman: Sequence[int], pressed_at: int) -> None:
         self._deadman = deadman
         self._pressed_at = pressed_at
         self._since: dict[int, float] = {}
+        self._is_new = False  # the deadman was pressed since the last decision
+        self.refused = 0
 
     def hear(self, buttons: Sequence[int], now: float) -> None:
         """Take a message."""
+        was_held = self._is_held
         pressed = (n for n, value in enumerate(buttons) if value >= self._pressed_at)
         self._since = {n: self._since.get(n, now) for n in pressed}
+        self._is_new |= self._is_held and not was_held
+
+    def decided(self, has_control: bool) -> None:
+        """Note what was decided since the last message."""
+        self.refused += self._is_new and not has_control
+        self._is_new = False
+
+    @property
+    def _is_held(self) -> bool:
+        return all(n in self._since for n in self._deadman)
 
     def instead(self, now: float) -> str:
         """Say what was pressed lately, and what would count; empty if that is pressed, too."""
         new = [n for n, at in self._since.items() if now - at < _NEW]
-        if not new or all(n in self._since for n in self._deadman):
+        if not new or self._is_held:
             return ''
         return f'buttons pressed: {_listed(new)}; its deadman: {_listed(self._deadman)}'
 

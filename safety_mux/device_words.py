@@ -11,7 +11,7 @@ enable.
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from bridge_core.reasons import Coded, from_values, passed_on
+from bridge_core.reasons import causes, Coded, from_values, passed_on
 from safety_mux.protocol import Kind
 
 _HAVE_WORDS = ('e-stop source', 'operator', 'drive')
@@ -48,9 +48,9 @@ class DeviceWords:
                 node = status.name.rpartition(': ')[0]
                 words = status.message[:_MOST].replace('~/', f'/{node}/')
                 codes = {pair.key: pair.value for pair in status.values}
-                for first in from_values(codes)[:1]:
+                for first in causes(from_values(codes), {})[:1]:
                     if isinstance(first, Coded):
-                        words = Coded(first.code, words, **first.fields, node=node)
+                        words = Coded(first.code, words, **{**first.fields, 'node': node})
                 self._waiting[status.name] = status.level == _OK, words
         return bool(self._waiting)
 

@@ -13,8 +13,9 @@ import math
 from typing import Any
 
 from bridge_core.proof import Heard
-from bridge_core.reasons import Coded, passed_on
+from bridge_core.reasons import Coded, passed_on, Severity, severity_of
 from bridge_core.watchdog import in_words, Watchdog
+from safety_mux.reasons import REASONS
 from safety_mux.settings import EStopSource, MuxConfig, SpeedLimit
 
 _MESSAGE = 'message'  # the fault of the newest message; a good message clears it
@@ -107,9 +108,11 @@ class Input:
         return self._coded(condition, text, self.device_words, limit_s=watchdog.timeout, **heard)
 
     def _coded(self, what: str, text: str, inner: str = '', **fields: Any) -> Coded:
-        """Return a reason with its code, or with that of what it passes on."""
-        fields = {self.KIND: self.name} | fields
-        return passed_on(inner, text, f'mux.{self.KIND}.{what}', **fields)
+        """Return a reason, with the code of what it passes on unless that is a mere note."""
+        own = Coded(f'mux.{self.KIND}.{what}', text, **{self.KIND: self.name}, **fields)
+        if severity_of(inner, REASONS) is Severity.NOTE > severity_of(own, REASONS):
+            return own  # a low battery is not why a source stops
+        return passed_on(inner, text, own.code, **own.fields)
 
     @property
     def says(self) -> str:

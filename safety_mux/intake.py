@@ -91,6 +91,8 @@ class Intake:
     def decide(self, now: float) -> Decision:
         """Decide, by all that was taken; see ``Arbiter.tick``."""
         self._decision = self.arbiter.tick(now)
+        for name, presses in self.presses.items():
+            presses.decided(name == self._decision.owner)
         return self._decision
 
     def topics(self) -> Iterator[Listened]:

@@ -135,6 +135,13 @@ class JoyMapping:
         most = scales if self.mixing != 'arcade' else (max(scales),) * 2
         return tuple(max(self.levels) * each for each in most)
 
+    def buttons_of_axes(self) -> dict[int, list[int]]:
+        """Return, by index of each axis that needs one, the buttons that enable it."""
+        found: dict[int, list[int]] = {}
+        for stick, button in zip(self.sticks, self.axis_buttons, strict=False):
+            found.setdefault(stick.axis, []).append(button)
+        return {axis: buttons for axis, buttons in found.items() if min(buttons) >= 0}
+
     def sample(self, axes: Sequence[float], buttons: Sequence[int]) -> OperatorSample:
         """
         Read one message: axes -1 to 1, buttons 0 or 1 (or a switch's raw value).

@@ -205,14 +205,17 @@ class SafetyMux(ManagedNode):
             self._buttons[name].add(gate, index, self.values[f'operator.{operator}.pressed_at'])
 
     def _gated_joy(self, name: str) -> GatedJoy:
-        sticks = ((s.axis, s.deadband) for s in joy_mapping(self.values, name).sticks)
+        mapping = joy_mapping(self.values, name)
+        sticks = ((s.axis, s.deadband) for s in mapping.sticks)
         is_heard = self.values[f'operator.{name}.gated_joy']
         return GatedJoy(
             self.create_publisher(Joy, f'~/joy/{name}', 10) if is_heard else None,
             self._stamp,
             deadbands=dict(sorted(sticks, reverse=True)),  # of an axis with several, the least
             deadband=_DEADBAND,
-            deadman=self.values[f'operator.{name}.deadman_buttons'],
+            deadman=mapping.deadman,
+            axis_buttons=mapping.buttons_of_axes(),
+            pressed_at=mapping.pressed_at,
         )
 
     def _rebuild(self) -> None:
@@ -392,6 +395,7 @@ class SafetyMux(ManagedNode):
             button=None if self._button is None else self._button.problem(now),
             held={name: joy.held for name, joy in self._gated_joys.items()},
             pressed={name: each.instead(now) for name, each in self._intake.presses.items()},
+            refused={name: each.refused for name, each in self._intake.presses.items()},
             old_stamps=self._intake.old_stamps,
             ends=self._intake.ends.words,
             joys=self._inputs.joys,

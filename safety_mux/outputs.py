@@ -106,12 +106,15 @@ class GatedJoy:
     Else it is neutral, at once and again and again; before his first message there is none, since
     nobody knows its lengths. What he held when he got control is 0 until he has let go of it: an
     axis or a button that is held through a stop moves nothing. Only the deadman is held by then.
+    An axis that counts with a button alone is 0 without it, as it is for the joints.
 
     :param publisher: of Joy; None: nobody is to hear it.
     :param stamp: returns the time for the header of what goes out now.
     :param deadbands: by index, deflections up to which axes are let go of.
     :param deadband: the same of all other axes.
     :param deadman: indices of its buttons.
+    :param axis_buttons: by index of each axis that needs one, the buttons that enable it.
+    :param pressed_at: least value of a held button.
     """
 
     def __init__(
@@ -122,11 +125,14 @@ class GatedJoy:
         deadbands: Mapping[int, float] = MappingProxyType({}),
         deadband: float = 0.0,
         deadman: Iterable[int] = (),
+        axis_buttons: Mapping[int, Iterable[int]] = MappingProxyType({}),
+        pressed_at: int = 1,
     ) -> None:
         self.publisher = publisher
         self._stamp = stamp
         self._deadbands, self._deadband = deadbands, deadband
         self._deadman = frozenset(deadman)
+        self._axis_buttons, self._pressed_at = axis_buttons, pressed_at
         self._is_open = False
         self._heard: Joy | None = None  # the newest
         self._waits = False  # and it was not passed on yet
@@ -198,9 +204,14 @@ class GatedJoy:
     def _passed(self, joy: Joy) -> Joy:
         return Joy(
             header=self._header(joy),
-            axes=[v if i in self._free_axes else 0.0 for i, v in enumerate(joy.axes)],
+            axes=[v if self._counts(i, joy) else 0.0 for i, v in enumerate(joy.axes)],
             buttons=[v if i in self._free_buttons else 0 for i, v in enumerate(joy.buttons)],
         )
+
+    def _counts(self, axis: int, joy: Joy) -> bool:
+        needed = self._axis_buttons.get(axis)
+        is_held = needed is None or any(joy.buttons[i] >= self._pressed_at for i in needed)
+        return is_held and axis in self._free_axes
 
     def _neutral(self, joy: Joy) -> Joy:
         return Joy(

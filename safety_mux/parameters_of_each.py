@@ -228,7 +228,8 @@ OPERATOR = (
     Parameter(
         'gated_joy',
         False,
-        'Publish ~/joy/<name>: his Joy while he has control, else a neutral one.',
+        'Publish ~/joy/<name>: his Joy while he has control, else a neutral one. An axis whose '
+        'button of axis_buttons is not held is 0.',
     ),
     Parameter(
         'require_moving_stamps',

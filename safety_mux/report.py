@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from bridge_core import report
-from bridge_core.reasons import causes, Coded, passed_on, to_values
+from bridge_core.reasons import Coded, passed_on, to_values
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
 from safety_mux.commissioned import Tried
@@ -42,6 +42,7 @@ class Surroundings(NamedTuple):
     :param tried: what the trial of the machine says of the parameters; None: there is none.
     :param ends: which joints are near a soft end, in words.
     :param joys: by operator, the full name of its topic.
+    :param refused: by operator, how often his deadman gave no control.
     """
 
     unheard: str
@@ -55,6 +56,7 @@ class Surroundings(NamedTuple):
     tried: Tried | None = None
     ends: Sequence[Coded] = ()
     joys: Mapping[str, str] = {}
+    refused: Mapping[str, int] = {}
 
 
 def unheard(topic: str, listeners: Iterable[str]) -> str:
@@ -86,6 +88,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
     values |= {f'inhibit {n}': text for n, text in enumerate(inhibits, 1)}
     values |= {f'age of {name} (s)': age for name, age in status.ages.items()}
     values |= {f'joy of {name}': topic for name, topic in around.joys.items()}
+    values |= {f'deadman of {name} refused': count for name, count in around.refused.items()}
     values |= _proven(around.proofs)
     last = status.last_transition
     values['last transition'] = (
@@ -96,9 +99,7 @@ def report_of(status: Status, around: Surroundings, now: float) -> report.Status
         if around.tried.problem:
             warnings.append(Coded('mux.commissioning', around.tried.problem))
     values |= {f'warning {n}': text for n, text in enumerate(warnings, 1)}
-    for first in causes(inhibits, REASONS)[:1]:
-        values['code'] = getattr(first, 'code', '')
-    values |= to_values([*inhibits, *warnings]) | values
+    values |= to_values([*inhibits, *warnings], REASONS)
     limits = [*status.slowed, *around.ends]
     if limits:
         values['slowed'] = '; '.join(limits)

@@ -22,6 +22,7 @@ from bridge_core.transports.request import Call
 from ssc_bridge import convert
 from ssc_bridge.parameters import parameter_table
 from ssc_bridge.protocol import AuxFunction
+from ssc_bridge.reasons import REASONS
 from ssc_bridge.session import (
     AuxReading,
     CommandStateChanged,
@@ -70,6 +71,7 @@ class SscBridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*ACTUATOR_PARAMETERS, *parameter_table({}))
     BRIDGE = BRIDGE
+    REASONS = REASONS
     LINK = ProcessLink
     SERVICES = {LOCKOUT: Call.of(Session.lock_out)}
 

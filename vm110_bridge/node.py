@@ -22,6 +22,7 @@ from bridge_core.session import Level
 from bridge_core.watchdog import FROZEN
 from vm110_bridge import convert
 from vm110_bridge.parameters import axis_signs, PARAMETERS
+from vm110_bridge.reasons import REASONS
 from vm110_bridge.session import (
     ArmedChanged,
     Command,
@@ -44,6 +45,7 @@ class Vm110Bridge(BridgeNode[Event]):
 
     PARAMETERS: ClassVar[tuple[Parameter, ...]] = (*BRIDGE_PARAMETERS, *PARAMETERS)
     BRIDGE = BRIDGE
+    REASONS = REASONS
     TELLS_DEVICE = True
 
     def __init__(self, **options: Any) -> None:

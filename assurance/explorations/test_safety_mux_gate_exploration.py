@@ -29,7 +29,7 @@ JOYS = {
     name: Joy(axes=[axis], buttons=[deadman, button])
     for name, (axis, deadman, button) in VALUES.items()
 }
-APART = ('memory', 'now', 'published', '_heard', '_deadbands')  # see Memory
+APART = ('memory', 'now', 'published', '_heard', '_deadbands', '_axis_buttons')  # see Memory
 COUNTS = (891, 7128)  # states, and steps between them
 
 

@@ -26,7 +26,7 @@ from std_msgs.msg import Bool, String
 from assurance.fuzz.campaign import Target
 from assurance.fuzz.messages import Filler
 from assurance.fuzz.mutate import Input, joined, Kit, whole
-from rugged_teleop.recorder.reasons import Nodes, Reasons
+from rugged_teleop.recorder.triggers import Nodes, Triggers
 from rugged_teleop.status_page.node import StatusPage
 from safety_mux.device_words import DeviceWords
 from safety_mux.node import SafetyMux
@@ -118,7 +118,7 @@ def _page() -> Any:
 
 
 def _recorder() -> Any:
-    reasons = Reasons(lambda kind, message: message)
+    reasons = Triggers(lambda kind, message: message)
     reasons.know(Nodes((_FORT, _MUX), (_MUX,)))
     found = []
 

@@ -51,8 +51,7 @@ class StatusDisplay:
         self._news.feed(now)
         if before is not None:
             stopped = status.stops and not before.stops
-            refused = status.refused and not (before.refused or before.drives)
-            if stopped or refused:
+            if stopped or status.refused > before.refused:
                 self._rumble()
             if stopped:
                 self._stays_until = now  # it waits for no other text

@@ -9,9 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import itertools
 import math
 
+from bridge_core.reasons import causes, from_values
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.step import Look, Marks, Measured, Seen
 from rugged_teleop.ledger.stopping import Drive, Stopped
+from rugged_teleop.reasons import catalogue
 from rugged_teleop.why.events import reason_of
 
 _FULL = 0.95  # of an axis: its end
@@ -509,9 +511,8 @@ def instead(heard: History, since: float) -> str:
         pushed = [n for n, value in enumerate(joys[-1][1]) if value]
         found += [f"{operator}'s button {n} is pressed" for n in pushed]
     state = heard.last('state', 'not heard')
-    inhibits = [
-        each for key, each in heard.last('status', {}).items() if key.startswith('inhibit ')
-    ]
-    why = [each for each in inhibits if not each.startswith('stopped ')] or inhibits
+    status = heard.last('status', {})
+    inhibits = [each for key, each in status.items() if key.startswith('inhibit ')]
+    why = causes(from_values(status, inhibits)[: len(inhibits)], catalogue())
     state += f': {why[0]}' if why and state in ('STOPPED', 'READY') else ''
     return f'{", ".join(found) or "nothing changed"}; the mux is {state}'

@@ -178,7 +178,12 @@ def _unheard(
 
 
 def _as_list(findings: Sequence[Finding], probed: bool) -> str:
-    """Return the list: why it does not move first; what is to be done last, near the prompt."""
+    """
+    Return the list: why it does not move first; what is to be done last, near the prompt.
+
+    The steps of a code stand there once.
+    """
+    told: set[tuple[str, str]] = set()
     lines = [f'{each.text}. {each.remedy}' for each in findings if each.kind == 'still']
     for level, heading in HEADINGS.items():
         found = [each for each in findings if each.level is level and each.kind != 'still']
@@ -186,7 +191,11 @@ def _as_list(findings: Sequence[Finding], probed: bool) -> str:
         for each in dict.fromkeys(found):
             lines.append(f'  {each.area:10}  {each.text}')
             code = f' [{each.code}]' if each.code else ''
-            lines += [f'  {"":10}  -> {each.remedy}{code}'] if each.remedy else []
+            if each.code and (each.code, each.remedy) in told:
+                lines[-1] += code
+            elif each.remedy:
+                lines.append(f'  {"":10}  -> {each.remedy}{code}')
+            told.add((each.code, each.remedy))
     return '\n'.join([*lines, _SENT[probed]])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import re
 import time
 
-from rugged_teleop.recorder.reasons import FAULT
+from rugged_teleop.recorder.triggers import FAULT
 
 UNFINISHED = '.part'
 KEPT = 'kept'  # a folder in that of the recordings: nothing in it is ever removed, or counts

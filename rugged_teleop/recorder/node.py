@@ -30,7 +30,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from bridge_core import clock, refusals
+from bridge_core import clock, refusals, shared_reasons
 from bridge_core.diagnostics import to_msg
 from bridge_core.fingerprint import version
 from bridge_core.lane import waited
@@ -39,7 +39,6 @@ from bridge_core.parameter_files import beside
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
 from bridge_core.report import Status
 from bridge_core.runner import run
-from bridge_core.session import Level
 from rugged_teleop.devices import devices
 from rugged_teleop.ledger.book import tail
 from rugged_teleop.ledger.stopping import curves_of, Point, Trend
@@ -50,8 +49,10 @@ from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of, message_class
 from rugged_teleop.recorder.folder import Folder, KEPT
 from rugged_teleop.recorder.parameters import check, PARAMETERS
-from rugged_teleop.recorder.reasons import Nodes, Reasons, Schedule, STOP
+from rugged_teleop.recorder.reasons import REASONS
+from rugged_teleop.recorder.report import of_ledger, of_recordings, status_of
 from rugged_teleop.recorder.ring import Channel, Heard, Ring
+from rugged_teleop.recorder.triggers import Nodes, Schedule, STOP, Triggers
 
 _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
 _STEP_PERIOD = 0.1  # s, between two batches for the disk
@@ -88,7 +89,7 @@ class Recorder(ManagedNode):
         self._ledger_topic = self.create_publisher(String, '~/ledger', latched_qos())
         self._ledger, self._witness = self._make_ledger()
         self._writer = FileWriter(self.folder, self._say)
-        self._reasons = Reasons(_read)
+        self._triggers = Triggers(_read)
         self._asked = AskedParameters(self)
         self._nodes = Nodes()
         # By topic: its publishers are all transient local, and the subscription.
@@ -181,7 +182,7 @@ class Recorder(ManagedNode):
                 muxes.append(full)
             topics |= {topic: kinds[0] for topic, kinds in [*published.items(), *heard]}
         self._nodes = Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
-        self.lane.post(self._reasons.know, self._nodes)
+        self.lane.post(self._triggers.know, self._nodes)
         self._asked.look(found, clock.now())
         self.lane.post(self._witness.know, self._nodes.all, self._nodes.muxes, self._asked.known)
         for topic, kind in topics.items():
@@ -219,7 +220,7 @@ class Recorder(ManagedNode):
         self._ring.add(heard)
         if self._schedule.is_open:
             self._batch.append(heard)
-        reason = self._reasons.reason_of(channel.topic, data)
+        reason = self._triggers.reason_of(channel.topic, data)
         if reason:
             self._schedule.ask(reason, at)
         self._witness.hear(channel.topic, data, at)
@@ -251,7 +252,7 @@ class Recorder(ManagedNode):
             self._schedule.reason = ''
 
     def _reason(self) -> str:
-        reason, by = self._schedule.reason, self._reasons.stopped_by
+        reason, by = self._schedule.reason, self._triggers.stopped_by
         return f'{STOP}_{by}' if reason == STOP and by else reason
 
     def _on_save(self, request: Any, response: Any) -> Any:
@@ -308,27 +309,20 @@ class Recorder(ManagedNode):
     def _diagnose(self, now: float) -> None:
         self._witness.look(now, time.time())
         name = self.get_fully_qualified_name().lstrip('/')
-        status = to_msg(self._status(), f'{name}: recordings', str(self.folder.path))
         path = str(self._ledger.book.path)
+        catalogue = {**shared_reasons.REASONS, **REASONS}
         array = DiagnosticArray(
-            status=[status, to_msg(self._ledger_status(), f'{name}: ledger', path)]
+            status=[
+                to_msg(self._status(), f'{name}: recordings', str(self.folder.path), catalogue),
+                to_msg(self._ledger_status(), f'{name}: ledger', path, catalogue),
+            ]
         )
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
     def _status(self) -> Status:
         writer, schedule = self._writer, self._schedule
-        level, message = Level.OK, 'ok'
         is_open = schedule.is_open and not writer.error
-        if writer.error:
-            level = Level.ERROR
-            message = f'make room or correct folder: the last recording failed: {writer.error}'
-        elif not self.active:
-            level, message = Level.WARN, 'activate the node: it is not active'
-        elif not self._nodes.all:
-            level, message = Level.WARN, 'start the nodes: none is there to record'
-        elif writer.dropped:
-            level, message = Level.WARN, 'use a faster disk: it was too slow for some messages'
         values = {
             'recording': f'yes, because of {schedule.reason}' if is_open else 'no',
             'last recording': writer.last or 'none',
@@ -342,26 +336,15 @@ class Recorder(ManagedNode):
             'topics': len(self._topics),
         }
         values |= {f'not recorded {n}': text for n, text in enumerate(self._unknown.values(), 1)}
-        return Status(level, message, values)
+        nodes, name = self._nodes.all, self.get_fully_qualified_name()
+        problems = of_recordings(writer.error, writer.dropped, nodes, name, active=self.active)
+        return status_of(problems, values)
 
     def _ledger_status(self) -> Status:
         ledger, trend = self._ledger, self._witness.trend
         anchor = '' if ledger.anchor is None else ledger.anchor.error
-        overdue = ', '.join(self._witness.tried.overdue(time.time()))
-        level, message = Level.WARN, ''
-        if ledger.error:
-            level, message = Level.ERROR, f'make room or correct ledger.file: {ledger.error}'
-        elif ledger.lost:
-            message = 'make room: some lines are lost for ever'
-        elif trend.warnings:
-            slow = '; '.join(trend.warnings.values())
-            message = f'have the brakes looked at, they stop slower than commissioned: {slow}'
-        elif overdue:
-            message = f'press and release each of these, last seen to work: {overdue}'
-        elif anchor:
-            message = f'correct ledger.anchor: {anchor}'
-        else:
-            level, message = Level.OK, 'ok'
+        overdue = self._witness.tried.overdue(time.time())
+        slower = [*trend.warnings.values()]
         values = {
             'lines': ledger.book.head.number,
             'head': ledger.book.head.digest,
@@ -372,7 +355,7 @@ class Recorder(ManagedNode):
         }
         for joint, stops in trend.recent.items():
             values[f'stops of {joint} (rad/s, s, commissioned s)'] = '; '.join(map(_stop, stops))
-        return Status(level, message, values)
+        return status_of(of_ledger(ledger.error, ledger.lost, anchor, slower, overdue), values)
 
 
 @lru_cache(maxsize=1)  # a status is read for recordings, and again for the ledger

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from bridge_core.reasons import advice, from_values, Severity, severity_of
-from rugged_teleop.reasons import catalogue, to_do
+from bridge_core.reasons import from_values, Severity, severity_of
+from rugged_teleop.reasons import catalogue, explained, to_do
 from rugged_teleop.status_page.graph import Bridge, Found
 
 SILENT = 0.5  # s; e-stops come at 20 Hz, the state of a mux at 10 Hz
@@ -251,7 +251,12 @@ class Model:
             if mux.said(now) == 'silent':
                 self._note_mux(name, ('silent', 'none'), now)
         muxes = [self._mux(name, mux, now) for name, mux in self._muxes.items()]
-        told = {(each['code'], each['node']) for mux in muxes for each in mux['now']}
+        told = {
+            (first['code'], name)
+            for mux in muxes
+            for first in mux['now']
+            for name in first['names']
+        }
         return {
             'now': round(now, 3),
             'at': round(wall, 3),
@@ -282,14 +287,17 @@ class Model:
             for kind in ('inhibit', 'warning')
         )
         reasons = from_values(values, [*inhibits, *warnings])
-        held, explained = reasons[: len(inhibits)], [*_explained(reasons)]
+        held = reasons[: len(inhibits)]
+        told = [
+            {'text': text, 'code': code, 'todo': todo} for text, code, todo in explained(reasons)
+        ]
         return {
             'name': name,
             'state': state,
             'owner': values.get('owner', 'none'),
             'now': [first._asdict() for first in [to_do(held, state)] if first is not None],
-            'inhibits': explained[: len(inhibits)],
-            'warnings': explained[len(inhibits) :],
+            'inhibits': told[: len(inhibits)],
+            'warnings': told[len(inhibits) :],
             'slowed': values.get('slowed', ''),
             'last_reset': values.get('last reset', ''),
             'sources': [
@@ -342,16 +350,6 @@ class Model:
             names += mine
             owned |= owner in mine
         return owned, names
-
-
-def _explained(reasons: Iterable[str]) -> Iterator[dict[str, str]]:
-    """Yield each with what to do, once for each code."""
-    told: set[str] = set()
-    for reason in reasons:
-        code = getattr(reason, 'code', '')
-        todo = '' if code in told else advice(reason, catalogue())
-        yield {'text': reason, 'code': code, 'todo': todo}
-        told.add(code)
 
 
 def _ledger(name: str, heard: Heard, now: float) -> dict[str, Any]:

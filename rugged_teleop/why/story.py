@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bridge_core.reasons import advice, cause_of, Coded, from_values, Severity, severity_of
+from bridge_core.reasons import advice, cause_of, causes, Coded, from_values, Severity, severity_of
 from rugged_teleop.command_line import moment as time_in_words, time_of_day
 from rugged_teleop.reasons import catalogue
 from rugged_teleop.recordings import Said
@@ -163,8 +163,8 @@ def _of_stop(
 
 def _cause(statuses: Iterable[Mapping[str, str]]) -> Iterator[str]:
     """Say what the mux named first as it stopped, in the words of the catalogue."""
-    found = [each for values in statuses for each in from_values(values)]
-    stops = [each for each in found if severity_of(each, catalogue()) is Severity.STOP]
+    firsts = [each for v in statuses for each in causes(from_values(v), catalogue())[:1]]
+    stops = [each for each in firsts if severity_of(each, catalogue()) is Severity.STOP]
     named = [each for each in stops if isinstance(each, Coded) and each.code in catalogue()]
     # A device says why a second later at most; the mux alone knows that it did.
     for reason in sorted(named, key=lambda each: each.code == 'mux.source.stop')[:1]:

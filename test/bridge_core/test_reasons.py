@@ -37,17 +37,21 @@ def test_reason_is_its_sentence_and_keeps_its_code_through_a_process() -> None:
 
 
 def test_reasons_come_back_from_values_by_the_number_of_their_sentence() -> None:
-    values = to_values([ECHO, 'of another', STOP])
+    values = to_values([ECHO, 'of another', STOP], CATALOGUE)
     assert values == {
-        'code': 'x.echo',
+        'code': 'x.stop',
         'code.1': 'x.echo',
+        'code.1.severity': 'echo',
         'code.3': 'x.stop',
         'code.3.name': 'a',
+        'code.3.severity': 'stop',
     }
     found = from_values(values, ['echo', 'of another', 'it stops'])
     assert [getattr(each, 'code', '') for each in found] == ['x.echo', '', 'x.stop']
     assert cause_of(found[2], CATALOGUE) == 'a stops'
     assert from_values({}, ['x']) == ['x']
+    # Who has no catalogue ranks them alike, whatever their number.
+    assert causes(found[::2], {}) == causes(found[::2], CATALOGUE) == ['it stops']
 
 
 @pytest.mark.parametrize(

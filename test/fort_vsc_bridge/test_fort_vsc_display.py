@@ -152,19 +152,26 @@ def test_owner_is_named_if_it_is_another() -> None:
     assert own.drives
 
 
+@pytest.mark.parametrize(
+    ('text', 'count'), [('3', 3), ('', 0), ('-1', 0), ('x', 0), ('²', 0), ('9' * 5000, 0)]
+)
+def test_refused_presses_of_this_remote_alone_are_counted(text: str, count: int) -> None:
+    said = {'joy of fort': JOY, 'deadman of fort refused': text, 'deadman of senior refused': '7'}
+    assert status_from(said, JOY).refused == count
+
+
 def test_deadman_is_refused_while_it_is_held_and_gives_no_control() -> None:
     bench = MuxBench()
     bench.ready()
-    assert not status_from(values(bench, fort=JOY), JOY).refused
+    assert values(bench)['deadman refused'] == 'none'
     bench.estops['fort'] = True
     bench.run(0.1)
     bench.samples['fort'] = replace(OFF, deadman=True)
     bench.run(0.1)
-    assert status_from(values(bench, fort=JOY), JOY).refused
-    assert not status_from(values(bench, senior=JOY), JOY).refused
+    assert values(bench)['deadman refused'] == 'fort'
     bench.samples['fort'] = OFF
     bench.run(0.1)
-    assert not status_from(values(bench, fort=JOY), JOY).refused
+    assert values(bench)['deadman refused'] == 'none'
 
 
 def test_deadman_that_gives_control_is_never_refused() -> None:
@@ -173,7 +180,7 @@ def test_deadman_that_gives_control_is_never_refused() -> None:
     held = bench.samples['fort'] = replace(OFF, deadman=True)
     bench.arbiter.operator_sample('fort', held, bench.now)  # before the tick
     for _ in range(40):
-        assert not status_from(values(bench, fort=JOY), JOY).refused
+        assert values(bench)['deadman refused'] == 'none'
         bench.run(0.01)
     assert status_from(values(bench, fort=JOY), JOY).drives
 
@@ -312,17 +319,18 @@ def test_can_remote_shows_the_same() -> None:
 
 # -- the rumble -----------------------------------------------------------------------------------
 
-HELD = replace(STOPPED, refused=True)
+HELD = replace(STOPPED, refused=1)
 STORIES: list[tuple[str, Sequence[MuxStatus], int]] = [
     ('begins stopped', (STOPPED, STOPPED), 0),
     ('stop', (ACTIVE, STOPPED, replace(STOPPED, code='mux.reset.due')), 1),
     ('stop of a machine at rest', (READY, STOPPED), 1),
     ('ramp, then stopped', (ACTIVE, MuxStatus('STOPPING', 'mux.stopping'), STOPPED), 1),
     ('deadman in a stop', (STOPPED, HELD, HELD), 1),
-    ('deadman twice', (STOPPED, HELD, STOPPED, HELD), 2),
-    ('stop with the deadman held', (ACTIVE, HELD, HELD), 1),
-    ('deadman too early', (READY, replace(READY, refused=True)), 1),
-    ('deadman lost to another', (ACTIVE, MuxStatus('ACTIVE', owner='x', refused=True)), 0),
+    ('deadman twice', (STOPPED, HELD, HELD, replace(HELD, refused=2)), 2),
+    ('deadman since a new mux', (HELD, STOPPED, HELD), 1),
+    ('stop, and the deadman held', (ACTIVE, STOPPED, STOPPED), 1),
+    ('deadman too early', (READY, replace(READY, refused=1)), 1),
+    ('deadman lost to another', (ACTIVE, MuxStatus('ACTIVE', owner='x')), 0),
     ('reset', (STOPPED, READY, ACTIVE, READY), 0),
 ]
 
@@ -344,7 +352,7 @@ def test_remote_rumbles_once_a_stop_and_once_a_refused_deadman(
 def random_status(rng: random.Random) -> MuxStatus:
     state = rng.choice(['STOPPED', 'READY', 'ACTIVE', 'STOPPING'])
     code, about = rng.choice(list(TEXTS)), rng.choice(['', 'fort', 'drive'])
-    return MuxStatus(state, code, about, drives=rng.random() < 0.3, refused=rng.random() < 0.3)
+    return MuxStatus(state, code, about, drives=rng.random() < 0.3, refused=rng.randrange(3))
 
 
 @pytest.mark.parametrize('seed', range(20))

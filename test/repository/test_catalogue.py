@@ -8,13 +8,16 @@ from collections.abc import Iterator
 import importlib
 from pathlib import Path
 import re
+from typing import Any, get_args
 
 import pytest
 
-from bridge_core.reasons import Entry
+from bridge_core.reasons import Coded, Entry
+from bridge_core.session import Level
 from rugged_teleop.devices import devices
 from rugged_teleop.messages import FOLDER, pages
 from rugged_teleop.reasons import catalogue
+from rugged_teleop.recorder import report
 from stage.rig import ROOT
 
 MOST_WORDS = 9  # of a cause, and of each step: read at a glance
@@ -62,6 +65,18 @@ def test_sessions_return_sentences_with_a_code_alone(name: str) -> None:
     for method in ('stop_reasons', 'inhibits', 'problems', '_silence'):
         returned = getattr(session, method).__annotations__['return']
         assert re.findall('Coded|str', returned) == ['Coded'], method
+
+
+@pytest.mark.parametrize('problems', [report.of_recordings, report.of_ledger])
+def test_recorder_says_sentences_with_a_code_alone(problems: Any) -> None:
+    assert problems.__annotations__['return'] == 'Iterator[Problem]'
+    assert get_args(report.Problem) == (Level, Coded)
+
+
+@pytest.mark.parametrize('name', devices())
+def test_node_says_how_urgent_its_own_codes_are(name: str) -> None:
+    node = getattr(importlib.import_module(f'{name}.node'), devices()[name].node_class)
+    assert node.REASONS is devices()[name].reasons
 
 
 @pytest.mark.parametrize(('code', 'entry'), catalogue().items(), ids=list(catalogue()))

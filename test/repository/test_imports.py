@@ -46,7 +46,7 @@ LOGIC = (
     *('bridge_core.framing', 'bridge_core.watchdog', 'bridge_core.session'),
     *('bridge_core.settings', 'bridge_core.parameters', 'bridge_core.j1939', 'bridge_core.gate'),
     *('bridge_core.proof', 'bridge_core.mux_words', 'bridge_core.actuator'),
-    'bridge_core.reasons',
+    *('bridge_core.reasons', '{bridge}.reasons'),
 )
 BRIDGE = {
     '__init__': ('{bridge}.protocol', 'bridge_core'),
@@ -67,7 +67,7 @@ BRIDGE = {
     'limits': LOGIC,
     # What the arbiter's state is in words.
     'explanation': (*LOGIC, '{bridge}.arbiter'),
-    'report': (*LOGIC, 'bridge_core.report', '{bridge}.commissioned', '{bridge}.reasons'),
+    'report': (*LOGIC, 'bridge_core.report', '{bridge}.commissioned'),
     # What a report on disk says of the mux's parameters.
     'commissioned': (*LOGIC, 'bridge_core.fingerprint'),
     'convert': (

@@ -189,3 +189,24 @@ def test_button_that_stays_pressed_is_a_switch_and_one_that_follows_is_named() -
     presses.hear((0, 0, 0), 12.0)
     presses.hear((0, 1, 0), 13.0)
     assert presses.instead(13.0) == 'buttons pressed: 1; its deadman: 0'
+
+
+def test_press_of_the_deadman_that_gives_no_control_is_counted_however_short() -> None:
+    presses = Presses((0, 2), 1)
+    story: tuple[tuple[tuple[tuple[int, int, int], ...], bool, int], ...] = (
+        # What is heard until a decision, whether it gives control, and the count.
+        (((1, 0, 0), (0, 1, 0)), False, 0),  # half of it
+        (((1, 0, 1), (0, 0, 0)), False, 1),  # between two decisions
+        (((0, 0, 0),), False, 1),
+        (((1, 0, 1),), False, 2),
+        (((1, 0, 1),), False, 2),  # held on
+        (((0, 0, 0),), False, 2),
+        (((1, 0, 1),), True, 2),
+        (((1, 1, 1),), False, 2),  # control ends, and it is held on
+        ((), False, 2),
+    )
+    for heard, has_control, count in story:
+        for buttons in heard:
+            presses.hear(buttons, 1.0)
+        presses.decided(has_control)
+        assert presses.refused == count

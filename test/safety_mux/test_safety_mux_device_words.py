@@ -11,6 +11,8 @@ import pytest
 
 from bridge_core.reasons import Coded
 from safety_mux.device_words import DeviceWords
+from safety_mux.inputs import SourceInput
+from safety_mux.settings import EStopSource
 
 OK, WARN = b'\0', b'\1'
 SOURCE, OPERATOR, DRIVE = ('e-stop source', 'fort'), ('operator', 'a'), ('drive', 'left')
@@ -119,3 +121,27 @@ def test_words_of_a_kind_are_taken_back(bench: Bench) -> None:
     bench.say('ok; disabled', node='x/esi')
     bench.device.forget('drive')
     assert bench.words == {SOURCE: 'pull the button', OPERATOR: 'pull the button', DRIVE: ''}
+
+
+@pytest.mark.parametrize('field', ['node', 'code', 'text', 'cls', 'severity'])
+def test_field_of_a_foreign_node_with_a_name_of_ours_harms_nothing(
+    bench: Bench, field: str
+) -> None:
+    pairs = {'code.1': 'x.menu', f'code.1.{field}': 'other'}
+    bench.say('x', WARN, values=[SimpleNamespace(key=k, value=v) for k, v in pairs.items()])
+    words = bench.words[SOURCE]
+    assert isinstance(words, Coded)
+    assert words.fields == {field: 'other'} | {'node': 'x/remote'}
+
+
+def test_note_of_a_device_is_not_why_its_node_is_stale() -> None:
+    source = SourceInput(EStopSource('fort', 0.2))
+    source.estop(False, 0.0)
+    codes = {}
+    for severity in ('note', 'step', 'stop'):
+        source.device_words = Coded('x.said', 'said', severity=severity, node='x/remote')
+        reason = source.stop_reason(1.0)
+        assert reason is not None
+        assert 'its device says: said' in reason
+        codes[severity] = reason.code
+    assert codes == {'note': 'mux.source.stale', 'step': 'x.said', 'stop': 'x.said'}

@@ -227,3 +227,13 @@ def test_own_estop_is_that_of_the_default_node_only_with_its_estop(
     given: dict[str, Any], heard: str
 ) -> None:
     assert resolve(parameter_table(given), given)['estop.fort.own_topic'] == heard
+
+
+def test_deadman_counts_as_refused_unless_its_operator_has_control_by_the_next_decision() -> None:
+    fed = Fed()
+    for owner, count in (('fort', 0), (None, 1), ('senior', 2)):
+        for deadman in (True, False):
+            fed.take('operator.fort.topic', sticks(0.0, deadman=deadman))
+        fed.arbiter.decision.owner = owner
+        fed.intake.decide(3.0)
+        assert fed.intake.presses['fort'].refused == count

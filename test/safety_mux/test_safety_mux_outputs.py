@@ -23,6 +23,7 @@ from std_msgs.msg import Bool, Header
 
 from bridge_core.cdr import bool_message
 from bridge_core.lane import owner_of
+from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
 from safety_mux.protocol import State
@@ -68,6 +69,49 @@ class Gate:
         self.hear(0.0, 0.0)
         assert self.tick(True) == [([0.0, 0.0], [1, 0])]
         return self
+
+
+# Axes that count with a button alone.
+
+
+@pytest.mark.parametrize(
+    ('axis', 'axis_buttons', 'held'),
+    [
+        ([0, 1], [-1, 5], {(): (0.5, 0.0), (5,): (0.5, 0.8), (6,): (0.5, 0.0)}),
+        ([0, 1], [5, 6], {(): (0.0, 0.0), (5,): (0.5, 0.0), (5, 6): (0.5, 0.8)}),
+        # An axis of two joints is passed on while one of them takes it.
+        ([0, 0], [5, 6], {(): (0.0, 0.8), (6,): (0.5, 0.8)}),
+        ([0, 0], [5, -1], {(): (0.5, 0.8)}),
+        ([0, 1], [-1, -1], {(): (0.5, 0.8)}),
+    ],
+)
+@pytest.mark.parametrize('pressed_at', [1, 3])
+def test_axis_without_its_own_button_is_0_for_others_as_it_is_for_the_joints(
+    axis: list[int], axis_buttons: list[int], held: Any, pressed_at: int
+) -> None:
+    sticks = tuple(Stick(each) for each in axis)
+    mapping = JoyMapping(sticks, (0,), pressed_at=pressed_at, axis_buttons=tuple(axis_buttons))
+    for pressed, axes in held.items():
+        said: list[Any] = []
+        gate = GatedJoy(
+            SimpleNamespace(publish=said.append),
+            Time,
+            deadman=mapping.deadman,
+            axis_buttons=mapping.buttons_of_axes(),
+            pressed_at=mapping.pressed_at,
+        )
+        gate.hear_joy(Joy(axes=[0.0, 0.0], buttons=[pressed_at] + [0] * 6))
+        gate.decide(True, 0.0)
+        values = [pressed_at - (n not in (0, *pressed)) for n in range(7)]  # one less is not held
+        gate.hear_joy(Joy(axes=[0.5, 0.8], buttons=values))
+        gate.say(0.0)
+        assert tuple(said[-1].axes) == pytest.approx(axes)
+        demand = mapping.sample([0.5, 0.8], values).demand
+        for index, each in zip(axis, demand, strict=True):
+            assert not each or axes[index], 'it moves a joint'
+        gate.hear_joy(Joy(axes=[0.5, 0.8], buttons=[pressed_at] * 7))
+        gate.say(0.1)
+        assert tuple(said[-1].axes) == pytest.approx((0.5, 0.8))
 
 
 # A topic that is repeated.
@@ -367,6 +411,15 @@ def parameters(values: dict[str, Any]) -> list[Any]:
     from rclpy.parameter import Parameter
 
     return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_node_gates_an_axis_by_its_button(context: Any) -> None:
+    values = {'gated_joy': True, 'axis': [1, 0], 'axis_buttons': [-1, 4], 'pressed_at': 2}
+    overrides = parameters({f'operator.fort.{name}': value for name, value in values.items()})
+    mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=overrides)
+    gate = mux._gated_joys['fort']
+    mux.destroy_node()
+    assert (gate._axis_buttons, gate._pressed_at) == ({0: [4]}, 2)
 
 
 def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(context: Any) -> None:

@@ -35,8 +35,8 @@ from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of, message_class
 from rugged_teleop.recorder.folder import file_name, Folder
 from rugged_teleop.recorder.node import _curves, Recorder
-from rugged_teleop.recorder.reasons import Nodes, Reasons, Schedule
 from rugged_teleop.recorder.ring import Channel, Heard, Ring
+from rugged_teleop.recorder.triggers import Nodes, Schedule, Triggers
 from rugged_teleop.recorder.writer import FileWriter, RecordingFile
 from rugged_teleop.recordings import read, Said
 from rugged_teleop.stack import BESIDE, configured_nodes, NODES
@@ -128,8 +128,8 @@ def test_stop_names_the_recording_whatever_was_heard_before_it() -> None:
 # The reasons.
 
 
-def reasons(nodes: Nodes) -> Reasons:
-    found = Reasons(lambda kind, data: deserialize_message(data, message_class(kind)))
+def reasons(nodes: Nodes) -> Triggers:
+    found = Triggers(lambda kind, data: deserialize_message(data, message_class(kind)))
     found.know(nodes)
     return found
 
@@ -503,18 +503,25 @@ def test_status_says_what_is_wrong_with_the_ledger_or_the_brakes() -> None:
     ledger.anchor.error = 'No such file'
     assert said() == 'WARN correct ledger.anchor: No such file'
     late.append('fort 25 h ago')
-    assert said().endswith('last seen to work: fort 25 h ago')
+    anchor = '; correct ledger.anchor: No such file'
+    assert said().endswith(f'last seen to work: fort 25 h ago{anchor}')
     trend.judge('left', 10.0, 0.62)
     trend.judge('left', 9.0, None)
     values = Recorder._ledger_status(node).values
     assert values['last seen to work'] == 'fort 25 h ago'
     assert values['stops of left (rad/s, s, commissioned s)'] == '10.00 0.62 -; 9.00 - -'
     trend.warnings['left'] = 'left: 0.62 s'
-    assert said().endswith('they stop slower than commissioned: left: 0.62 s')
+    assert 'they stop slower than commissioned: left: 0.62 s; press' in said()
+    late.clear()
+    trend.warnings.clear()
+    ledger.anchor.error = ''
     ledger.lost = 3
     assert said() == 'WARN make room: some lines are lost for ever'
     ledger.error = 'No space left on device'
-    assert said() == 'ERROR make room or correct ledger.file: No space left on device'
+    lost = '; make room: some lines are lost for ever'
+    assert said() == f'ERROR make room or correct ledger.file: No space left on device{lost}'
+    reasons = Recorder._ledger_status(node).reasons
+    assert [each.code for each in reasons] == ['recorder.ledger.failed', 'recorder.ledger.lost']
 
 
 NO = 'import sys; sys.modules["mcap.'

@@ -260,7 +260,7 @@ def test_first_card_says_what_to_do_now_and_the_rest_is_behind_it() -> None:
     mux = page.snapshot(1.1, 1.0)['muxes'][0]
     steps = ['Release it, or bring it into reach', 'Acknowledge on the remote', 'Reset']
     cause = 'FORT remote: e-stop pressed, or out of reach'
-    first = {'code': 'fort.estop.remote', 'node': FORT[1:], 'cause': cause, 'steps': steps}
+    first = {'code': 'fort.estop.remote', 'names': [FORT[1:]], 'cause': cause, 'steps': steps}
     assert mux['now'] == [first]
     assert [each['code'] for each in mux['inhibits']] == ['fort.estop.remote', 'mux.reset.due']
 
