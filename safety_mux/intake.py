@@ -90,7 +90,9 @@ class Intake:
 
     def decide(self, now: float) -> Decision:
         """Decide, by all that was taken; see ``Arbiter.tick``."""
-        self._decision = self.arbiter.tick(now)
+        before, self._decision = self._decision, self.arbiter.tick(now)
+        if before is not None and before.state is State.STOPPED is not self._decision.state:
+            self.ends.trust()
         return self._decision
 
     def topics(self) -> Iterator[Listened]:
