@@ -437,6 +437,7 @@ class BadBox:
             'another unit': answer(number, unit + 8, RELEASED | RESET),
             'other registers': sound[:7] + b'\3\2\0\3',
             'half': answer(number, unit, RELEASED | RESET)[:8],
+            'more registers': sound[:5] + b'\5' + sound[6:8] + bytes((2, RELEASED | RESET, 0)),
             'no bits': sound[:5] + b'\3' + sound[6:8] + b'\0',
         }
         connection.sendall(wrong.get(self.answers, b''))
@@ -465,7 +466,7 @@ def box() -> Iterator[tuple[Observer, BadBox, NodeProcess, Any, Any]]:
     'answers',
     [
         *('stale', 'another number', 'another unit', 'other registers', 'half', 'no bits'),
-        *('nothing', 'a restart'),
+        *('more registers', 'nothing', 'a restart'),
     ],
 )
 def test_box_that_answers_wrongly_releases_no_stop_and_presses_no_button(
