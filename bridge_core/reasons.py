@@ -18,7 +18,7 @@ import re
 from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar('T')
-_KEY = re.compile(r'code\.(\d+)(?:\.(\w+))?')
+_KEY = re.compile(r'code\.([1-9]\d{0,2})(?:\.(\w+))?', re.ASCII)  # nobody has 1000 reasons
 # Fields that say whom a reason is about, what says most first.
 NAMES = ('source', 'operator', 'owner', 'drive', 'name', 'joint', 'limit', 'node')
 _FIELD = re.compile(r'\{(\w+)\}')

@@ -17,6 +17,7 @@ from bridge_core.reasons import by_code, Coded, from_values, NAMES
 
 WIDTH = 18  # characters; serial has 20
 LINES = 4
+_MOST = 1000  # characters of a value that are read; a wire takes no more than it can send
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ def status_from(values: Mapping[str, str], joy: str) -> MuxStatus:
 
     :param joy: the full name of this remote's ``~/joy``.
     """
+    values = {key: text[:_MOST] for key, text in values.items()}
     own = {key.removeprefix('joy of ') for key, topic in values.items() if topic == joy}
     code = values.get('code', '')
     alike = [each for each in from_values(values) if isinstance(each, Coded) and each.code == code]

@@ -98,7 +98,13 @@ class ModbusWire:
 
     def parser(self) -> StreamParser[Answer]:
         """Return what finds answers of this unit."""
-        return self._framing.parser(_answer, self._unit, self._baud)
+        return self._framing.parser(self._own_answer, self._unit, self._baud)
+
+    def _own_answer(self, pdu: ModbusPDU) -> Answer:
+        answer = _answer(pdu)
+        if isinstance(answer, Inputs) and len(answer.values) != -(-self._count // 8) * 8:
+            raise ChecksumError(f'{len(answer.values)} inputs: of another question')
+        return answer
 
 
 class Framing:

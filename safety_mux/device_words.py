@@ -50,7 +50,8 @@ class DeviceWords:
                 codes = {pair.key: pair.value for pair in status.values}
                 for first in causes(from_values(codes), {})[:1]:
                     if isinstance(first, Coded):
-                        words = Coded(first.code, words, **{**first.fields, 'node': node})
+                        fields = {key: text[:_MOST] for key, text in first.fields.items()}
+                        words = Coded(first.code[:_MOST], words, **{**fields, 'node': node})
                 self._waiting[status.name] = status.level == _OK, words
         return bool(self._waiting)
 

@@ -90,7 +90,9 @@ class Intake:
 
     def decide(self, now: float) -> Decision:
         """Decide, by all that was taken; see ``Arbiter.tick``."""
-        self._decision = self.arbiter.tick(now)
+        before, self._decision = self._decision, self.arbiter.tick(now)
+        if before is not None and before.state is State.STOPPED is not self._decision.state:
+            self.ends.trust()
         for name, presses in self.presses.items():
             presses.decided(name == self._decision.owner)
         return self._decision

@@ -56,8 +56,9 @@ class EndedLimiter:
     """
     A limiter whose targets keep to the soft ends; see ``Limiter``.
 
-    A joint whose position was not heard does not move. One that was told to move since counts as
-    moved, so that a late position frees nothing. Beyond an end the output outwards is 0 at once.
+    A joint whose position was not heard does not move. One that was told to move since its
+    position last changed counts as moved, so that a late or frozen position frees nothing, and no
+    second start does. Beyond an end the output outwards is 0 at once.
 
     :param ends: by the joint's place in a demand; joints without have none.
     :param names: of all joints, for words.
@@ -71,6 +72,7 @@ class EndedLimiter:
         self._names = names
         self._positions: dict[int, float] = {}
         self._told: dict[int, tuple[float, float]] = {}  # rad down and up, since that position
+        self._unseen: dict[int, tuple[float, float]] = {}  # the same since it last changed
         self._before: dict[int, float] = {}  # positions before these steps; empty: at rest
         self._astray: dict[int, tuple[float, float]] = {}  # rad down and up, untold, in motion
         self._held: dict[int, float] = {}  # the share of the last target that is left of it
@@ -81,7 +83,10 @@ class EndedLimiter:
 
         :raises MalformedInput: one did not go where its joint was told to.
         """
-        self._positions = dict(zip(self.ends, positions, strict=True))
+        before, self._positions = self._positions, dict(zip(self.ends, positions, strict=True))
+        for n in self.ends:
+            if self._positions[n] != before.get(n):
+                self._unseen.pop(n, None)
         if self._before and not self._told:
             return  # there was no step meanwhile
         strays = [n for n in self._before if self._strays(n)]
@@ -104,10 +109,17 @@ class EndedLimiter:
 
     def _left(self, n: int, speed: float) -> float:
         """Return what the end leaves of a speed, by the farthest that the joint may be."""
-        if n not in self._positions:
-            return 0.0
-        down, up = self._told.get(n, _NOWHERE)
-        return self.ends[n].limited(speed, self._positions[n] + (up if speed > 0.0 else -down))
+        return (
+            self.ends[n].limited(speed, self._farthest(n, speed)) if n in self._positions else 0.0
+        )
+
+    def _farthest(self, n: int, speed: float) -> float:
+        down, up = self._unseen.get(n, _NOWHERE)
+        return self._positions[n] + (up if speed > 0.0 else -down)
+
+    def trust(self) -> None:
+        """Take each joint to be where it says: somebody has looked, who resets."""
+        self._unseen = {}
 
     @property
     def words(self) -> list[Coded]:
@@ -115,13 +127,19 @@ class EndedLimiter:
         return [
             Coded(
                 'mux.limit.end',
-                f"joint '{self._names[n]}' is at {self._positions[n]:.3g} rad, near its end: "
+                f"joint '{self._names[n]}' is at {self._where(n)} rad, near its end: "
                 + ('only back' if share == 0.0 else f'{100.0 * share:.0f} % of its speed'),
                 joint=self._names[n],
             )
             for n, share in self._held.items()
             if n in self._positions
         ]
+
+    def _where(self, n: int) -> str:
+        at, (down, up) = self._positions[n], self._unseen.get(n, _NOWHERE)
+        if max(down, up) <= self.ends[n].slow_zone / 2.0:
+            return f'{at:.3g}'
+        return f'{at - down:.3g} to {at + up:.3g}'  # its position stays the same
 
     @property
     def output(self) -> Demand:
@@ -157,8 +175,9 @@ class EndedLimiter:
             if speed and not self._left(n, speed):
                 self._limiter.halt(n)
             way = self._limiter.output[n] * max(dt, 0.0)
-            down, up = self._told.get(n, _NOWHERE)
-            self._told[n] = down + max(-way, 0.0), up + max(way, 0.0)
+            for ways in (self._told, self._unseen):
+                down, up = ways.get(n, _NOWHERE)
+                ways[n] = down + max(-way, 0.0), up + max(way, 0.0)
         return self.output
 
     def reset(self) -> None:

@@ -54,6 +54,13 @@ def test_reasons_come_back_from_values_by_the_number_of_their_sentence() -> None
     assert causes(found[::2], {}) == causes(found[::2], CATALOGUE) == ['it stops']
 
 
+@pytest.mark.parametrize('number', ['1000000000', '9' * 5000, '0', '-1', '٣'])
+def test_number_that_no_reason_has_costs_no_time_and_no_memory(number: str) -> None:
+    found = from_values({f'code.{number}': 'x.stop', f'code.{number}.name': 'a', 'code.1': 'x.y'})
+    assert [each.code for each in found if isinstance(each, Coded)] == ['x.y']
+    assert len(found) == 1
+
+
 @pytest.mark.parametrize(
     ('said', 'first'),
     [

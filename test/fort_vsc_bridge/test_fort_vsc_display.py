@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import pickle
 import random
 from typing import Any
 
@@ -142,6 +143,11 @@ def test_reason_that_names_this_remote_is_taken_before_one_of_another() -> None:
     }
     assert status_from(said, JOY).about == 'senior'
     assert not status_from({**said, 'joy of fort': JOY}, JOY).about
+
+
+def test_value_without_end_is_cut_before_it_goes_to_the_wire() -> None:
+    said = dict.fromkeys(('state', 'code', 'code.1', 'code.1.name', 'owner'), 'x' * 10**6)
+    assert len(pickle.dumps(status_from(said, JOY))) < 10_000
 
 
 def test_owner_is_named_if_it_is_another() -> None:

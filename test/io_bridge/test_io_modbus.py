@@ -124,6 +124,15 @@ def test_answer_of_another_unit_is_none() -> None:
     assert wire(None).parser().feed(b'\0\1\0\0\0\4' + frame, 0.0) == []
 
 
+@pytest.mark.parametrize(('body', 'found'), [((2, 1, 3), 1), ((2, 2, 3, 0), 0), ((2, 0), 0)])
+@each_line
+def test_answer_of_another_length_is_of_another_question(
+    body: tuple[int, ...], found: int, baud: int | None
+) -> None:
+    stream = ModbusWire(UNIT, (0, 1), (), baud).parser()
+    assert len(stream.feed(framed(bytes(body), baud), 0.0) + stream.poll(60.0)) == found
+
+
 def test_frame_that_pymodbus_cannot_read_is_counted_and_not_logged() -> None:
     source = (
         'from io_bridge.modbus import ModbusWire; p = ModbusWire(1, (0, 1), (), None).parser(); '

@@ -145,3 +145,14 @@ def test_note_of_a_device_is_not_why_its_node_is_stale() -> None:
         assert 'its device says: said' in reason
         codes[severity] = reason.code
     assert codes == {'note': 'mux.source.stale', 'step': 'x.said', 'stop': 'x.said'}
+
+
+def test_diagnostic_of_nonsense_is_cut_and_ends_nothing(bench: Bench) -> None:
+    said = {'code.1': 'x' * 10**6, 'code.1.node': 'other', 'code.1.name': 'y' * 10**6}
+    said['code.1000000000'] = 'z'
+    values = [SimpleNamespace(key=key, value=value) for key, value in said.items()]
+    assert bench.say('{}' * 10**6, WARN, values=values)
+    words = bench.words[SOURCE]
+    assert isinstance(words, Coded)
+    assert words.fields['node'] == 'x/remote'
+    assert max(map(len, (words, words.code, words.fields['name']))) <= 1000

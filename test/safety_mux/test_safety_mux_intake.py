@@ -206,6 +206,18 @@ def test_stamp_that_stands_still_makes_an_operator_invalid_where_it_must_move() 
     assert fed.take('operator.fort.topic', joy, 60.1)[1][0][-1] is None
 
 
+def test_reset_trusts_the_positions_and_no_other_change_does() -> None:
+    fed = Fed()
+    trusted: list[None] = []
+    fed.intake.ends.trust = lambda: trusted.append(None)  # type: ignore[method-assign]
+    for state, times in (
+        *((State.READY, 0), (State.ACTIVE, 0), (State.READY, 0), (State.STOPPED, 0)),
+        *((State.STOPPED, 0), (State.READY, 1), (State.STOPPED, 1)),
+    ):
+        fed.decided(state)
+        assert len(trusted) == times
+
+
 @pytest.mark.parametrize(('interface', 'together'), [('velocity', True), ('effort', False)])
 def test_velocities_grow_together_and_torques_do_not(interface: str, together: bool) -> None:
     given = {'interface': interface, **numbers('left', 'right')}

@@ -87,8 +87,8 @@ def test_speed_limit_counts_before_the_end_does() -> None:
     assert ended.words == [], 'it is slow enough by the limit'
     ended.hear([4.75])
     assert ended.step((0.0, 2.0), 0.1, 0.5)[1] == pytest.approx(0.8)  # on its way
-    for _ in range(9):
-        ended.hear([4.75])
+    for n in range(9):
+        ended.hear([4.75 - n * 1e-9])
         ended.step((0.0, 2.0), 0.1, 0.5)
     assert ended.output[1] == pytest.approx(0.25)
     ended.hear([4.75])
@@ -119,6 +119,23 @@ def test_joint_that_is_not_heard_counts_as_moved_and_is_not_freed_by_the_way_bac
     assert after(90, 2.0) == pytest.approx(0.0, abs=1e-3), 'as if it were at the end'
     assert after(20, -1.0) == pytest.approx(-1.0)
     assert after(20, 2.0) == pytest.approx(0.0, abs=1e-3), 'it may not have gone back'
+
+
+@pytest.mark.parametrize('starts', [1, 50])
+def test_position_that_stays_the_same_lets_a_joint_go_no_further_than_its_way(starts: int) -> None:
+    ended, position = limiter(), 2.0
+    ended.hear([2.0])
+    for n in range(5000):
+        if n % (5000 // starts) == 0:
+            ended.reset()  # he lets go of his deadman, and presses it again
+        position += ended.step((1.0, MOST), STEP)[1] * STEP
+        ended.hear([2.0])
+        assert position <= ENDS.most + 1e-9
+    assert position > 4.9
+    (words,) = ended.words
+    assert "'mast' is at 2 to 5 rad, near its end: " in words
+    ended.trust()  # he resets: maybe it stood all the time
+    assert ended.step((1.0, MOST), STEP)[1] > 0.0
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
