@@ -152,10 +152,11 @@ class EndedLimiter:
             return self._limiter.step(target, dt, scale)
         wanted = list(target)
         self._held = {}
-        for n in self.ends:
-            speed = wanted[n] * scale
-            if not math.isfinite(speed):
+        for n, ends in self.ends.items():
+            if not math.isfinite(wanted[n]):
                 continue  # counts as zero
+            # What is beyond its magnitude is the limiter's to reduce, with its group.
+            speed = math.copysign(min(abs(wanted[n]), ends.magnitude), wanted[n]) * scale
             allowed = self._left(n, speed)
             if allowed != speed:
                 self._held[n] = allowed / speed
@@ -171,13 +172,12 @@ class EndedLimiter:
     def _moved(self, dt: float) -> Demand:
         """Cut what goes outwards beyond an end, and note where the rest leads."""
         for n in self.ends:
-            speed = self._limiter.output[n]
-            if speed and not self._left(n, speed):
+            if not self._left(n, self._limiter.output[n]):
                 self._limiter.halt(n)
-            way = self._limiter.output[n] * max(dt, 0.0)
+            way = self._limiter.output[n] * max(0.0, dt)
             for ways in (self._told, self._unseen):
                 down, up = ways.get(n, _NOWHERE)
-                ways[n] = down + max(-way, 0.0), up + max(way, 0.0)
+                ways[n] = down + max(0.0, -way), up + max(0.0, way)  # 0 for NaN
         return self.output
 
     def reset(self) -> None:

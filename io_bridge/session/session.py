@@ -137,8 +137,6 @@ class Session(BaseSession[bytes, Answer, Panel]):
         self._turns.reset()
         self._offered = self._written = None
         self._reads.start(now)
-        if self._settings.outputs:
-            self._writes.start(now)
 
     def _forget(self, now: float, reason: str) -> None:
         del reason
@@ -146,7 +144,6 @@ class Session(BaseSession[bytes, Answer, Panel]):
             contact.forget(now)
         self._values = ()
         self._refusals.clear()
-        self._follow(now)
 
     def _take(self, message: Answer, now: float) -> None:
         if isinstance(message, Inputs) and not message.number and self._wire.numbered:

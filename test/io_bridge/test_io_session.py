@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from bridge_core.session import Level
 from io_bridge.parameters import PARAMETERS
 from io_bridge.protocol import gpio_frame, gpio_values
 from io_bridge.session import Panel, Settings
-from io_bridge.session.outputs import STATE_TIMEOUT
+from io_bridge.session.contacts import Contact
 from io_bridge.session.turns import Question, Turns
 from io_bridge.wire import make_session
 from stage.io_rig import Box, inputs, PRESSED, RELEASED, rtu, values_of
@@ -103,6 +104,19 @@ def test_discrepancy_counts_from_its_limit_on(held: float, stays: bool) -> None:
     assert box.session.estop is stays
 
 
+@pytest.mark.parametrize(
+    ('channels', 'after'), [(RELEASED, DEBOUNCE), (HALF, DISCREPANCY), (PRESSED, math.inf)]
+)
+def test_contact_tells_when_time_alone_changes_what_it_says(
+    channels: tuple[bool, bool], after: float
+) -> None:
+    contact = Contact('a', antivalent=False, discrepancy_time=DISCREPANCY, debounce=DEBOUNCE)
+    assert contact.reason(8.0) == 'a was not read yet'
+    contact.take(*channels, 8.0)
+    assert contact.changes_at(8.0) == 8.0 + after
+    assert contact.changes_at(8.0 + DISCREPANCY) == math.inf
+
+
 def test_channels_that_change_sides_disagree_all_along() -> None:
     box = open_box()
     box.set(*HALF, wait=0.6 * DISCREPANCY)
@@ -175,6 +189,9 @@ def test_questions_are_numbered_and_go_out_at_their_rate() -> None:
     numbers = [gpio_values(frame, 0)[1] for _, frame in box.sent]
     assert numbers == [*range(1, len(numbers) + 1)]
     assert 19 <= len(numbers) <= 22
+    box.session._number = 0xFFFE
+    box.run(0.1)
+    assert [gpio_values(frame, 0)[1] for _, frame in box.sent[-2:]] == [0xFFFF, 1]
 
 
 def test_frame_that_was_not_offered_is_no_question() -> None:
@@ -247,6 +264,7 @@ def test_late_answer_without_a_number_is_not_that_of_the_next_question() -> None
     question = turns.answered(0, 10.12, reads=True)
     assert question == Question(2, True, 10.1)
     assert turns.free_at == pytest.approx(10.122)
+    turns.asked(Question(3, True, 10.2))
     assert (turns.lost, turns.unexpected) == (1, 2)
 
 
@@ -273,6 +291,9 @@ def test_key_switch_is_a_speed(keys: Any, speed: float, told: bool) -> None:
     assert box.session._panel == Panel(None, speed)
     problems = [text for level, text in box.session.problems(box.now) if level is Level.ERROR]
     assert any('two positions are on' in text for text in problems) is told
+    box.mute = True
+    box.run(TIMEOUT + 0.1)
+    assert 'two positions' not in str(box.session.problems(box.now)), 'nobody reads it'
 
 
 def test_reset_button_is_told_with_each_change() -> None:
@@ -299,7 +320,7 @@ def test_outputs_show_the_state_until_it_is_old(state: str, on: tuple[int, ...])
     box.run(0.04)
     assert box.orders[-1][1] == tuple(map(bool, on))
     assert box.orders[-1][0] <= asked + 0.001
-    box.run(STATE_TIMEOUT)
+    box.run(0.5)
     assert box.orders[-1][1] == (False,) * 4
     assert any('all outputs are off' in text for _, text in box.session.problems(box.now))
 
@@ -338,6 +359,13 @@ def modbus(**changes: Any) -> Any:
     _, (frame,) = session.opened(10.0)
     session.sent(frame, 10.0)
     return session
+
+
+def test_line_that_is_damaged_or_closed_says_what_to_do() -> None:
+    session = modbus()
+    assert 'termination' in session.damaged
+    session.closed(10.1)
+    assert session.stop_reasons(10.1) == ['plug the box in, and check port: it is not open']
 
 
 def test_box_that_refuses_to_read_is_a_stop_with_its_code() -> None:
@@ -391,6 +419,7 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
     [
         ({'estop_lines': [0]}, 'two are needed'),
         ({'estop_names': ['']}, 'two are needed'),
+        ({'estop_names': [''], 'estop_lines': [], 'key_lines': [4, 5]}, 'two are needed'),
         ({'estop_lines': [1, 1]}, 'stands there twice'),
         ({'estop_names': ['a', 'a'], 'estop_lines': [0, 1, 2, 3]}, 'stands there twice'),
         ({'reset_line': 0}, 'stands there twice'),
@@ -419,7 +448,28 @@ def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text
         Settings.from_parameters(values_of(PARAMETERS, **changes))
 
 
-def test_times_at_their_limit_and_speeds_of_no_key_are_allowed() -> None:
-    least = {'link_timeout': 0.2, 'answer_time': 0.05, 'poll_rate': 15.0}
-    given = {**least, 'key_speeds': [1.0, 0.3]}
-    assert Settings.from_parameters(values_of(PARAMETERS, **given)).keys == ()
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'link_timeout': 0.2, 'answer_time': 0.05, 'poll_rate': 15.0},
+        {'key_speeds': [1.0, 0.3]},  # of no key
+        {'estop_lines': [1000, 2999]},
+        {'outputs': ['red', 'green'], 'output_lines': [5, 4]},
+        {
+            'transport': 'gpio',
+            'estop_names': [f'e{n}' for n in range(32)],
+            'estop_lines': [*range(64)],
+        },
+    ],
+)
+def test_parameters_at_their_limit_are_allowed(changes: Mapping[str, Any]) -> None:
+    assert Settings.from_parameters(values_of(PARAMETERS, **changes)).keys == ()
+
+
+def test_key_may_be_on_the_first_line() -> None:
+    given = values_of(PARAMETERS, estop_lines=[1, 2], key_lines=[0])
+    assert Settings.from_parameters(given).keys == (0,)
+
+
+def test_settings_are_by_default_what_parameters_are() -> None:
+    assert Settings() == Settings.from_parameters(values_of(PARAMETERS))

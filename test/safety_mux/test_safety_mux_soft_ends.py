@@ -49,6 +49,10 @@ def test_end_takes_what_goes_towards_it(speed: float, position: float, left: flo
     assert math.copysign(1.0, ENDS.limited(speed, position)) == 1.0 or left < 0.0, 'no -0.0'
 
 
+def test_zone_may_be_short() -> None:
+    assert SoftEnds(0.0, 1.0, 0.1, 1.0).limited(1.0, 0.95) == pytest.approx(0.5)
+
+
 def test_joint_without_a_position_waits_and_others_do_not() -> None:
     ended = limiter()
     assert ended.step((1.0, 1.0), 0.1) == (1.0, 0.0)
@@ -63,6 +67,29 @@ def test_joint_without_a_position_waits_and_others_do_not() -> None:
     assert ended.words == []
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_demand_beyond_the_limit_is_reduced_with_its_group_and_no_end_is_blamed(
+    sign: float,
+) -> None:
+    ended = limiter(sign)
+    ended.hear([sign * 2.0])
+    assert ended.step((2.0, sign * 4.0), 0.1) == (1.0, sign * 2.0)
+    assert ended.words == []
+    ended.reset()
+    ended.hear([sign * 4.0])
+    assert ended.step((2.0, sign * 4.0), 0.1) == (2.0, sign)
+    assert '50 % of its speed' in ended.words[0]
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+@pytest.mark.parametrize('dt', [math.nan, math.inf, -math.inf, -1.0])
+def test_senseless_time_takes_no_joint_from_its_end(dt: float, sign: float) -> None:
+    ended = limiter(sign)
+    ended.hear([sign * 5.0])
+    ended.step((0.0, sign), dt)
+    assert ended.step((0.0, sign), 0.1) == (0.0, 0.0)
+
+
 def test_ramp_and_reset_are_those_of_the_limiter() -> None:
     ended = limiter()
     ended.hear([4.5])
@@ -73,11 +100,18 @@ def test_ramp_and_reset_are_those_of_the_limiter() -> None:
     assert (ended.output, ended.words) == ((0.0, 0.0), [])
 
 
+def test_no_end_takes_nothing() -> None:
+    ended = EndedLimiter(JointLimiter([JointLimit(MOST, 100.0, SLOWING)]), {}, ['wheel'])
+    assert ended.step((2.0,), 0.1, 0.5) == (1.0,)
+    assert ended.words == []
+
+
 @pytest.mark.parametrize('target', [math.nan, math.inf, -math.inf])
 def test_senseless_target_is_zero(target: float) -> None:
     ended = limiter()
-    ended.hear([2.0])
+    ended.hear([4.5])
     assert ended.step((1.0, target), 0.1) == (1.0, 0.0)
+    assert ended.words == []
 
 
 def test_speed_limit_counts_before_the_end_does() -> None:
@@ -138,6 +172,14 @@ def test_position_that_stays_the_same_lets_a_joint_go_no_further_than_its_way(st
     assert ended.step((1.0, MOST), STEP)[1] > 0.0
 
 
+@pytest.mark.parametrize('way', [1.0, -1.0])
+def test_slow_joint_that_is_not_heard_counts_as_moved_too(way: float) -> None:
+    ended = at_speed(way * 0.5, way * 4.0, way)
+    for _ in range(99):
+        ended.step((0.0, way * 0.5), 0.1)
+    assert ended.output[1] == pytest.approx(0.0, abs=1e-2)
+
+
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 @pytest.mark.parametrize('ramps', [True, False])
 def test_output_beyond_an_end_is_zero_at_once_and_back_is_not(sign: float, ramps: bool) -> None:
@@ -184,6 +226,44 @@ def test_joint_does_not_go_far_beyond_an_end_on_positions_that_go_wrong(
         return
     ended.step((0.0, way), STEP)
     ended.hear([way * seen(position)])  # that is where it begins again
+
+
+@pytest.mark.parametrize('way', [1.0, -1.0])
+@pytest.mark.parametrize(
+    ('steps', 'astray'),  # each: rad/s told for 0.1 s, rad that it went
+    [
+        ([(0.1, 1.01)], False),
+        ([(0.1, 1.02)], True),
+        ([(1.0, 1.11)], False),
+        ([(1.0, 1.13)], True),
+        ([(0.1, -0.99)], False),
+        ([(0.1, -1.01)], True),
+        ([(0.1, 0.51), (0.1, 0.51)], False),
+        ([(0.1, 0.4), (0.1, 0.4), (0.1, 0.4)], True),
+        ([(0.1, -0.4), (0.1, -0.4), (0.1, -0.4)], True),
+        ([(0.1, -0.4), (0.1, 0.9), (0.1, 0.2)], True),
+        ([(0.1, 0.9), (0.1, -0.5), (0.1, 0.5)], False),
+        ([(0.1, 0.9), (0.1, -0.5), (0.1, 0.7)], True),
+        ([(0.1, 0.9), (0.0, 0.0), (0.1, 0.9)], False),
+    ],
+)
+def test_joint_goes_astray_half_a_zone_beyond_what_it_was_told(
+    steps: list[tuple[float, float]], astray: bool, way: float
+) -> None:
+    ended, position = limiter(way), way * 2.0
+
+    def go(told: float, moved: float) -> None:
+        nonlocal position
+        ended.step((0.0, way * told), 0.1)
+        position += way * moved
+        ended.hear([position])
+
+    ended.hear([position])
+    for step in steps[:-1]:
+        go(*step)
+    with pytest.raises(MalformedInput, match="'mast'") if astray else contextlib.nullcontext():
+        go(*steps[-1])
+    go(0.1, math.copysign(0.3, steps[-1][1]) if astray else 0.0)  # that is where it begins again
 
 
 def test_positions_between_two_steps_hide_no_fault() -> None:
