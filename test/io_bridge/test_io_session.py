@@ -438,6 +438,7 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
             },
             '64 inputs are possible',
         ),
+        ({'debounce': -0.1}, 'debounce'),
         ({'link_timeout': 0.1}, 'four times answer_time'),
         ({'poll_rate': 10.0}, 'three periods'),
         ({'estop_lines': [0, 2000]}, 'within 2000'),

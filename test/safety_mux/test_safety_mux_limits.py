@@ -36,7 +36,7 @@ def limiter(*limits: JointLimit, max_dt: float = 1.0) -> JointLimiter:
 
 
 # By the names of the limits above: steps 'TARGETS in DT: OUTPUTS', 'ramp in DT of STOP_TIME:
-# OUTPUTS', 'reset', in order.
+# OUTPUTS', 'halt JOINT: OUTPUTS', 'reset', in order.
 STORIES = {
     'acceleration, then deceleration': """LIMIT; 4 in .5: 1; 4 in .5: 2; 4 in .5: 3; 4 in .5: 4;
         4 in .5: 4; 0 in .25: 2; 1.5 in .25: 1.5""",
@@ -50,6 +50,9 @@ STORIES = {
         4 in -inf: 1; 4 in nan: 1; ramp in 0 of .5: 1; ramp in -1 of .5: 1;
         ramp in nan of .5: 1""",
     'a reset is zero at once and leaves no ramp': 'LIMIT; 4 in 1: 2; reset; 4 in .5: 1',
+    'a halt is that of one joint, whose growth begins anew': """EASED EASED EASED;
+        0 4 4 in .125: 0 .0625 .0625; 0 4 4 in .125: 0 .1875 .1875; halt 1: 0 0 .1875;
+        0 4 4 in .125: 0 .0625 .375""",
     'a ramp is in time where the deceleration is not': """WEAK; 4 in 1: 4; ramp in .25 of 1: 3;
         ramp in .25 of 1: 2; ramp in .25 of 1: 1; ramp in .25 of 1: 0""",
     'a ramp ends sooner with the deceleration': """LIMIT; 2 in 1: 2; ramp in .125 of 1: 1;
@@ -82,6 +85,8 @@ def test_output_of_each_step(name: str) -> None:
         dt, *of = [float(each) for each in times.split(' of ') if each] or [0.0]
         if words == 'reset':
             limited.reset()
+        elif words.startswith('halt'):
+            limited.halt(int(words.removeprefix('halt')))
         elif of:
             limited.ramp(dt, *of)
         else:
