@@ -211,14 +211,14 @@ def drive_outwards(spine: Spine, bent: Bent, stick: float = 1.0) -> float:
 @pytest.mark.parametrize(
     ('fault', 'beyond'),
     [
-        ('', SLIP),
         ('late', SLIP),
         ('frozen', SLIP),
-        ('is NaN', SLIP),
-        ('is infinite', SLIP),
-        ('is without positions', SLIP),
-        ('jumps', ZONE / 2.0 + SLIP),  # until it is noticed
-        ('changes sign', ZONE / 2.0 + SLIP),
+        ('changes sign', ZONE / 2.0 + SLIP),  # until it is noticed
+        pytest.param('', SLIP, marks=pytest.mark.proof),
+        pytest.param('is NaN', SLIP, marks=pytest.mark.proof),
+        pytest.param('is infinite', SLIP, marks=pytest.mark.proof),
+        pytest.param('is without positions', SLIP, marks=pytest.mark.proof),
+        pytest.param('jumps', ZONE / 2.0 + SLIP, marks=pytest.mark.proof),
     ],
 )
 def test_joint_stays_within_its_way_on_positions_that_go_wrong(
@@ -358,26 +358,6 @@ def test_base_goes_sideways_as_it_is_asked_and_no_other_way(observer: Observer) 
         mux.wait(lambda: goes(0.0, -1.0), 'to the right')
         mux.joy.message = Joy(axes=[math.nan, *[0.0] * 5], buttons=[1, *[0] * 7])
         mux.wait(lambda: mux.says('STOPPED') and mux.is_stopped(), 'a stop')
-
-
-@pytest.mark.parametrize(
-    'changes',
-    [
-        {'joints': ['linear', 'angular', 'lateral']},
-        {'operator__fort__axis': [1, 0]},
-        {'operator__fort__mixing': 'arcade', 'operator__fort__axis': [1, 0]},
-        {'operator__fort__scale': [1.0, 1.0]},
-        {'joint__lateral__max': 0.5},  # less than the stick asks for
-        {'joint__lateral__max': math.nan},
-        {'joint__lateral__acceleration': None},
-    ],
-)
-def test_sideways_base_that_lacks_something_does_not_start(
-    observer: Observer, changes: dict[str, Any]
-) -> None:
-    with mux_with(observer, **{**OMNI, **changes}) as mux:
-        assert mux.node.wait(30.0) == 2
-        assert 'parameter' in mux.node.output or 'must' in mux.node.output, mux.node.output
 
 
 # -- a box that answers wrongly ------------------------------------------------------------------
