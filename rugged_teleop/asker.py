@@ -17,13 +17,17 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
-from bridge_core.managed_node import latched_qos
+from bridge_core.managed_node import latched_qos, Quiet
 from bridge_core.runner import avoid_shared_memory
 
 _STEP = 0.05  # s
 _MEET_TIME = 0.5  # s in which a node gets to know who asks
 _ASK_PERIOD = 1.0  # s
 _VisitorT = TypeVar('_VisitorT', bound='Visitor')
+
+
+class _QuietNode(Quiet, Node):
+    pass
 
 
 class Visitor:
@@ -41,13 +45,22 @@ class Visitor:
         self._context = Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=signals)
         options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
-        self.node = Node(name, context=self._context, use_global_arguments=False, **options)
+        self.node = _QuietNode(name, context=self._context, use_global_arguments=False, **options)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
     def spin_once(self, seconds: float) -> None:
         """Process one message or response; wait for it for so long at most."""
         self._executor.spin_once(timeout_sec=seconds)
+
+    def spin_for(self, seconds: float) -> None:
+        """Process what comes for so long."""
+        end = clock.now() + seconds
+        wait = min(seconds, _STEP)  # one for all: with another one rclpy gathers all topics anew
+        while True:
+            self.spin_once(wait)
+            if clock.now() >= end:
+                return
 
     def __enter__(self: _VisitorT) -> _VisitorT:
         return self

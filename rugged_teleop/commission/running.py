@@ -185,12 +185,8 @@ class Running(Visitor):
     def spin(self, seconds: float) -> None:
         """Take in what comes for so long."""
         self._mover.publish()
-        end = clock.now() + seconds
         self.on_spin()
-        while True:
-            self.spin_once(max(0.0, end - clock.now()))
-            if clock.now() >= end:
-                return
+        self.spin_for(seconds)
 
     def wait_for_nodes(self, limit: float) -> None:
         """Take in what comes until every bridge says what its device is, or so long (s)."""

@@ -20,7 +20,6 @@ import subprocess
 import sys
 from typing import Any
 
-from bridge_core import clock
 from bridge_core.reasons import Coded, from_values, in_a_line
 from bridge_core.session import Level as NodeLevel
 from rugged_teleop.command_line import RUN_MODULE
@@ -38,7 +37,6 @@ _SHARED = ('/diagnostics', '/rosout', '/parameter_events', '/tf', '/tf_static', 
 _DIAGNOSTICS_DEPTH = 100
 _NODE = '_rugged_teleop_doctor'  # hidden from lists of nodes
 _START = ': start its node'  # of a mux, which knows topics and no nodes
-_WAIT = 0.1  # s
 _START_TIME = 30.0  # s in which the process has to have started, and ended
 
 
@@ -153,9 +151,7 @@ def look(seconds: float) -> Graph:
 
     with Visitor(f'{_NODE}_{os.getpid()}') as visitor:
         graph = listen(visitor.node)
-        end = clock.now() + seconds
-        while clock.now() < end:
-            visitor.spin_once(_WAIT)
+        visitor.spin_for(seconds)
         return graph()
 
 
