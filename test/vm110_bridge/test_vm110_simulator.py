@@ -82,6 +82,18 @@ def test_crc_check_value(kind: str) -> None:
     assert crc32(b'123456789', kind) == int(VECTORS['crc'][kind]['123456789'], 16)
 
 
+@pytest.mark.parametrize(('late', 'packets'), [(0.0, 1), (0.4, 4), (1.9, 16), (5.0, 1)])
+def test_clock_of_the_unit_goes_on_while_the_computer_is_busy(late: float, packets: int) -> None:
+    simulator = Device().simulator
+    due = simulator.deadline()
+    now = due + late
+    sent = 0
+    while simulator.deadline() <= now:
+        sent += len(simulator.poll(now))
+    assert sent == packets
+    assert simulator.deadline() == pytest.approx(due + 0.125 * sent if late < 2.0 else now + 0.125)
+
+
 def test_periodic_input_of_an_armed_remote_agrees_with_the_vector() -> None:
     golden = bytes.fromhex(VECTORS['packets'][0]['hex'])[16:-4]
     assert golden == build_vrpi(

@@ -22,6 +22,7 @@ OUTPUT_TIMEOUT = 2.0  # 5.1.2
 RESEND_PERIOD = 0.1  # 5.1.3
 COMMAND_TIMEOUT = 2.0  # 5.1.3
 BOOT_TIME = 1.0
+LATEST = 2.0  # s that what is due may wait for this computer
 RADIO_TIMEOUT = 0.3  # silence of the armed remote until the BU is blocked
 # How long the RU's application takes for a command or a display (5.3: C-Link is slower).
 _ANSWER_TIME = {True: 0.02, False: 0.6}
@@ -141,7 +142,8 @@ class Simulator:
         self._watch(now)
         packets = self._answer(now) + self._resend(now)
         if now >= self._vrpi_due:
-            on_time = self._vrpi_due + VRPI_PERIOD > now
+            # Its clock goes on while this computer is busy: what waited is sent at once then.
+            on_time = self._vrpi_due + LATEST > now
             self._vrpi_due = (self._vrpi_due if on_time else now) + VRPI_PERIOD
             packets.append(self._packet('VRPI', self._vrpi()))
         return [] if self._is_silent else self._spoil(packets)
