@@ -100,6 +100,9 @@ def write(folder: Path, report: Mapping[str, Any], parameters: bytes) -> None:
         new = folder / f'.{name}.new'
         new.write_bytes(files[name])
         os.replace(new, folder / name)
+    for step in report['steps']:
+        if not step.get('piece'):  # done again, and then skipped
+            (folder / f'{step["name"]}.mcap').unlink(missing_ok=True)
 
 
 def pieces_of(report: Mapping[str, Any]) -> list[str]:

@@ -125,6 +125,13 @@ def test_repeated_step_has_its_newest_recording(written: Path) -> None:
     folder.verify(written)
 
 
+def test_step_that_is_skipped_when_it_is_done_again_leaves_no_recording(written: Path) -> None:
+    report = folder.verify(written)
+    report['steps'][0] |= {'result': 'skipped', 'piece': ''}
+    folder.write(written, report, b'a: 1\n')
+    folder.verify(written)
+
+
 def test_report_is_as_its_schema_says(written: Path) -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     VALIDATOR.validate(folder.verify(written))
