@@ -172,7 +172,8 @@ def test_planted_fault_is_named(machine: Trial, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    'step', mostly_proof(sorted({fault.step for fault in FAULTS.values()}), 'motion.fort.remote')
+    'step',
+    mostly_proof(sorted({(fault.step,) for fault in FAULTS.values()}), 'motion.fort.remote'),
 )
 def test_same_step_passes_without_fault(machine: Trial, step: str) -> None:
     machine.passes(step)

@@ -88,7 +88,7 @@ def press_and_release(machine: Trial) -> None:
 @pytest.mark.parametrize(
     'step',
     mostly_proof(
-        [*sorted({fault.step for fault in FAULTS.values()}), *SSC],
+        [*sorted({(fault.step,) for fault in FAULTS.values()}), *((step,) for step in SSC)],
         'motion.fort.axis.0',
         'motion.ssc.off',
     ),
