@@ -526,6 +526,7 @@ def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.proof  # as the one that is killed, and as the one that ends by q
 def test_terminated_demo_leaves_nothing_behind(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
         terminal.wait('mux')

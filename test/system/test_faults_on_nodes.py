@@ -298,6 +298,12 @@ FAULTS = [
     Fault('remote in its menu', 'fort.remote.menu', vsc('mode menu', undo=LET_GO), 'READY'),
     Fault('stick at rest', 'mux.owner.zero', lambda machine: machine.let_go, 'ACTIVE'),
 ]
+# The others are left to make proof.
+KEPT = {
+    *('nothing but the reset', 'stop on the remote', 'VSC unplugged', 'drive silent', 'trip'),
+    *('overcurrent', 'node of the VSC killed', 'node of the VSC not active', 'stick at rest'),
+    *('second publisher', 'deadman not pressed', 'remote paused'),
+}
 
 
 @pytest.fixture(scope='module')
@@ -345,7 +351,13 @@ def test_faults_are_listed_in_the_documents_and_nothing_else_is() -> None:
 
 
 @pytest.mark.waits(100)
-@pytest.mark.parametrize('fault', FAULTS, ids=[fault.name for fault in FAULTS])
+@pytest.mark.parametrize(
+    'fault',
+    [
+        pytest.param(each, marks=() if each.name in KEPT else pytest.mark.proof, id=each.name)
+        for each in FAULTS
+    ],
+)
 def test_fault_is_named_by_status_doctor_and_page_alike(
     machine: Machine, browser: Browser | None, fault: Fault
 ) -> None:

@@ -164,7 +164,7 @@ def _impatient(step: Step, expected: str) -> Step:
 
 
 def mostly_proof(rows: Iterable[tuple[Any, ...]], *kept: str) -> list[Any]:
-    """Leave to make proof all but these of the sound steps; a step is the last of its row."""
+    """Leave to make proof all but these: a fault, or a sound step, is the last of its row."""
     return [pytest.param(*row, marks=() if row[-1] in kept else pytest.mark.proof) for row in rows]
 
 

@@ -197,7 +197,11 @@ def tried(
 @pytest.mark.waits(300.0)
 @pytest.mark.parametrize(
     ('tried', 'name'),
-    [(file, name) for file, faults in FAULTS.items() for name in faults],
+    mostly_proof(
+        [(file, name) for file, faults in FAULTS.items() for name in faults],
+        'servo that holds its last when commands end',
+        'drive that starts again by itself',
+    ),
     indirect=['tried'],
     ids=lambda each: each if isinstance(each, str) else each.stem,
 )
@@ -209,12 +213,12 @@ def test_planted_fault_is_named(tried: Trial, name: str) -> None:
 @pytest.mark.parametrize(
     ('tried', 'step'),
     mostly_proof(
-        (
+        [
             (file, step)
             for file, faults in FAULTS.items()
             for step in (*(fault.step for fault in faults.values()), *SOUND[file])
             if step not in SHOWN
-        ),
+        ],
         'motion.ssc_bridge.ends',
         'motion.drive.mux_killed',
     ),

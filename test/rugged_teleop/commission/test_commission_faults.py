@@ -157,6 +157,12 @@ FAULTS = {
     ),
 }
 
+KEPT = (
+    *('dead e-stop button on the remote', 'stuck deadman', 'receiver that holds', 'scale of two'),
+    *('brake at half torque', 'drive that goes on when its commands end', 'exchanged wheels'),
+    'limit left at its default',
+)
+
 
 @pytest.fixture(scope='module')
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trial]:
@@ -166,7 +172,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trial]:
         yield made
 
 
-@pytest.mark.parametrize('name', FAULTS)
+@pytest.mark.parametrize('name', mostly_proof([(name,) for name in FAULTS], *KEPT))
 def test_planted_fault_is_named(machine: Trial, name: str) -> None:
     machine.plant(FAULTS[name])
 

@@ -53,6 +53,10 @@ FAULTS = {
         mended=(f'{VSC} button right_down 0',),
     ),
 }
+KEPT = (
+    *('e-stop with a channel that does not open', 'reset button that is not wired'),
+    'axis that needs no button',
+)
 _READS = 3  # one that was under way before, and outputs between them
 SSC = ('stop.ssc.off', 'operator.ssc.axis.1', 'motion.ssc.deadman', 'motion.ssc.off')
 
@@ -65,7 +69,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trial]:
 
 
 @pytest.mark.waits(120.0)
-@pytest.mark.parametrize('name', FAULTS)
+@pytest.mark.parametrize('name', mostly_proof([(name,) for name in FAULTS], *KEPT))
 def test_planted_fault_is_named(machine: Trial, name: str) -> None:
     fault = FAULTS[name]
     try:

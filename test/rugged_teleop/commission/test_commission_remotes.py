@@ -51,7 +51,10 @@ ROWS = [(node, name) for node, faults in FAULTS.items() for name in faults]
 STEPS = sorted(
     {(node, fault.step) for node, faults in FAULTS.items() for fault in faults.values()}
 )
-KEPT = ('link.age', 'motion.vm110.off')
+KEPT = (
+    *('Master Enable relay that welds', 'second computer that is late', 'link.age'),
+    *('VM-110 that holds what it heard last', 'motion.vm110.off'),
+)
 
 
 @pytest.fixture(scope='module', params=(VSC, VM110))
@@ -66,7 +69,9 @@ def machine(node: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tri
         yield made
 
 
-@pytest.mark.parametrize(('node', 'name'), ROWS, indirect=['node'], scope='module')
+@pytest.mark.parametrize(
+    ('node', 'name'), mostly_proof(ROWS, *KEPT), indirect=['node'], scope='module'
+)
 def test_planted_fault_is_named(machine: Trial, node: str, name: str) -> None:
     machine.plant(FAULTS[node][name])
 
