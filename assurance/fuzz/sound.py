@@ -170,7 +170,11 @@ MODBUS_RTU = Line(
     3,
     260,
     _answer_size,
-    lambda data, start, end: data[end - 2 : end] == crc16_modbus(data[start : end - 2]),
+    # Up to eight inputs are asked for: one byte.
+    lambda data, start, end: (
+        data[end - 2 : end] == crc16_modbus(data[start : end - 2])
+        and (data[start + 1] != 2 or data[start + 2] == 1)
+    ),
     lambda frame: crc16_modbus(frame[:-2]),
 )
 VSC = _packets(b'\x10\x01', dict(_VSC), 248, 0)

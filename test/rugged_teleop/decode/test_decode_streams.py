@@ -145,6 +145,7 @@ def test_every_byte_has_one_entry_and_every_message_is_the_bridges(data: st.Data
     assert [entry.content for entry in sound] == expected
 
 
+@pytest.mark.proof  # tracing takes a while
 def test_file_need_not_fit_into_memory(path: Path) -> None:
     chance = random.Random(1)
     block = b''.join(chance.choice(STREAMS['fort_serial']) for _ in range(1000))
