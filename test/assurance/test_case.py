@@ -173,7 +173,8 @@ def test_what_counts_no_more_runs_again(
     ran: list[str] = []
     monkeypatch.setattr(subprocess, 'run', lambda command, **_: ran.extend(command))
     found = case.read(root)
-    case.run(found, case.results(root), datetime.date(2026, 6, 30), commits)
+    files = case.run(found, case.results(root), datetime.date(2026, 6, 30), commits)
+    assert len(files) == bool(again)
     assert [each for each in ran if each in EVIDENCE] == again
 
 
