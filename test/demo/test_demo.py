@@ -508,6 +508,7 @@ class Terminal:
         os.close(self.master)
 
 
+@pytest.mark.proof
 def test_keyboard_resets_drives_and_stops(tmp_path: Path) -> None:
     with Terminal(tmp_path) as terminal:
         terminal.wait('space  e-stop')

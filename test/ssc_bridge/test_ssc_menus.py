@@ -369,6 +369,7 @@ def test_unit_locked_out_after_the_restart_leaves_it_uncertain() -> None:
 # Truth, whatever happens.
 
 
+@pytest.mark.proof
 @settings(max_examples=100)
 @given(at=st.integers(0, 520), bit=st.integers(0, 8))
 def test_byte_harmed_on_its_way_to_the_unit_is_never_hidden(at: int, bit: int) -> None:
@@ -377,6 +378,7 @@ def test_byte_harmed_on_its_way_to_the_unit_is_never_hidden(at: int, bit: int) -
     bench.assert_truth()
 
 
+@pytest.mark.proof
 @settings(max_examples=60)
 @given(at=st.integers(0, 8000), bit=st.integers(0, 8))
 def test_byte_harmed_on_its_way_from_the_unit_is_never_hidden(at: int, bit: int) -> None:

@@ -59,6 +59,7 @@ def mux_with(observer: Observer, **parameters: Any) -> Iterator[MuxBench]:
         mux.close()
 
 
+@pytest.mark.proof
 def test_mux_killed_and_restarted_moves_nothing_whatever_is_held(observer: Observer) -> None:
     with mux_with(observer, **BUTTONS) as mux:
         button = mux.talker(Bool, 'panel/reset_button', Bool(data=False))

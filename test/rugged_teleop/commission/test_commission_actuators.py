@@ -229,14 +229,16 @@ def test_same_step_passes_without_fault(tried: Trial, step: str) -> None:
     tried.passes(step)
 
 
+@pytest.mark.proof
 @pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [ACTUATORS_FILE], indirect=True, ids=['machine_actuators'])
-@pytest.mark.parametrize('degrees', [-20, pytest.param(20, marks=pytest.mark.proof)])  # see WARM
+@pytest.mark.parametrize('degrees', [-20, 20])  # see WARM
 def test_joint_that_begins_at_one_of_its_ends_passes(tried: Trial, degrees: int) -> None:
     tried.simulated.ports[MONITOR].apply(f'position 1 {degrees}')
     tried.passes('joint.rotation')
 
 
+@pytest.mark.proof
 @pytest.mark.waits(300.0)
 @pytest.mark.parametrize('tried', [FILE], indirect=True, ids=['machine'])
 def test_what_the_drive_does_without_us_is_a_fact(tried: Trial) -> None:

@@ -14,12 +14,14 @@ from signal import SIGTERM
 from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+import pytest
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from rugged_teleop.commission import running
 from rugged_teleop.commission.main import read_machine
 from rugged_teleop.commission.running import Running
-from stage.rig import latched, NodeProcess, Observer, Pty
+from stage.rig import latched, NodeProcess, Observer, Pty, TIMEOUT_FACTOR
 from stage.toy_bridge import toy_process
 from stage.toy_rig import ESTOP, ToyDevice, wait_value
 from test.rugged_teleop.commission.rig import FILE
@@ -29,8 +31,10 @@ LINK_UP = '/toy_bridge/link_up'
 
 
 def test_stop_of_a_bridge_is_recorded_with_what_was_before(
-    pty: Pty, observer: Observer, tmp_path: Path
+    pty: Pty, observer: Observer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for limit in ('_FIND_LIMIT', '_LEDGER_LIMIT'):
+        monkeypatch.setattr(running, limit, 6.0 * TIMEOUT_FACTOR)
     device = ToyDevice(pty, observer)
     folder = tmp_path / 'recordings'
     parameters = {**PARAMETERS, 'folder': folder}
