@@ -88,10 +88,15 @@ class Intake:
         warnings = {name: watch.warning for name, watch in self.stamps.items()}
         return {name: why for name, why in warnings.items() if why is not None}
 
+    @property
+    def _is_stopped(self) -> bool:
+        return self._decision is not None and self._decision.state is State.STOPPED
+
     def decide(self, now: float) -> Decision:
         """Decide, by all that was taken; see ``Arbiter.tick``."""
-        before, self._decision = self._decision, self.arbiter.tick(now)
-        if before is not None and before.state is State.STOPPED is not self._decision.state:
+        was_stopped = self._is_stopped
+        self._decision = self.arbiter.tick(now)
+        if was_stopped and not self._is_stopped:
             self.ends.trust()
         for name, presses in self.presses.items():
             presses.decided(name == self._decision.owner)
@@ -132,8 +137,7 @@ class Intake:
 
     def _estop(self, name: str, message: Any, now: float) -> bool:
         self.arbiter.estop_message(name, message.data, now)
-        stopped = self._decision is not None and self._decision.state is State.STOPPED
-        return bool(message.data) and not stopped
+        return bool(message.data) and not self._is_stopped
 
     def _feedback(self, message: Any, now: float) -> bool:
         try:

@@ -54,6 +54,7 @@ from rugged_teleop.recorder.report import of_ledger, of_recordings, status_of
 from rugged_teleop.recorder.ring import Channel, Heard, Ring
 from rugged_teleop.recorder.triggers import Nodes, Schedule, STOP, Triggers
 
+_CATALOGUE = {**shared_reasons.REASONS, **REASONS}
 _LOOK_PERIOD = 0.5  # s, between two looks for nodes and topics
 _STEP_PERIOD = 0.1  # s, between two batches for the disk
 _DIAGNOSTICS_PERIOD = 1.0  # s
@@ -310,11 +311,10 @@ class Recorder(ManagedNode):
         self._witness.look(now, time.time())
         name = self.get_fully_qualified_name().lstrip('/')
         path = str(self._ledger.book.path)
-        catalogue = {**shared_reasons.REASONS, **REASONS}
         array = DiagnosticArray(
             status=[
-                to_msg(self._status(), f'{name}: recordings', str(self.folder.path), catalogue),
-                to_msg(self._ledger_status(), f'{name}: ledger', path, catalogue),
+                to_msg(self._status(), f'{name}: recordings', str(self.folder.path), _CATALOGUE),
+                to_msg(self._ledger_status(), f'{name}: ledger', path, _CATALOGUE),
             ]
         )
         array.header.stamp = self.get_clock().now().to_msg()
