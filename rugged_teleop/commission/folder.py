@@ -100,9 +100,10 @@ def write(folder: Path, report: Mapping[str, Any], parameters: bytes) -> None:
         new = folder / f'.{name}.new'
         new.write_bytes(files[name])
         os.replace(new, folder / name)
-    for step in report['steps']:
-        if not step.get('piece'):  # done again, and then skipped
-            (folder / f'{step["name"]}.mcap').unlink(missing_ok=True)
+    names = {step['name'] for step in report['steps']}
+    for piece in folder.glob('*.mcap'):
+        if piece.stem in names and piece.name not in files:  # done again, and then skipped
+            piece.unlink()
 
 
 def pieces_of(report: Mapping[str, Any]) -> list[str]:
