@@ -41,7 +41,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # A virtual environment that the caller has activated is only where $(PYTHON) comes from.
 unexport VIRTUAL_ENV
 # What starts nodes by the hundred has them compiled once.
-demo test campaign soak $(VENV)/.collected: export PYTHONDONTWRITEBYTECODE =
+demo test campaign soak: export PYTHONDONTWRITEBYTECODE =
 # The messages of nodes import numpy, whose threads spin at each start: a quarter of a second of work.
 demo test: export OPENBLAS_NUM_THREADS ?= 1
 
