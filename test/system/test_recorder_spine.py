@@ -180,8 +180,9 @@ def test_drive_that_fell_silent_is_not_said_to_be_disabled(bench: Bench) -> None
     text = bench.wait_told(f'/{DRIVE}: whether it was disabled is not known: not heard since ')
     assert f'/{DRIVE}: the drive counts as disabled: nothing is heard' in text
     assert f'/{DRIVE}: whether it stood is not known: not heard since ' in text
-    (stop,) = [each for each in text.split('\n\n') if 'is not known' in each]
-    assert f'/{DRIVE} was disabled ' not in stop, stop
+    # A busy machine may add stops of its own; none of them knows what the silent drive did.
+    for stop in text.split('\n\n'):
+        assert 'is not known' not in stop or f'/{DRIVE} was disabled ' not in stop, stop
     bench.spine.drive.apply('clear')
 
 
