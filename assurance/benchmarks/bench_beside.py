@@ -4,9 +4,9 @@
 """
 What recorder and status page cost beside the nodes that decide, and what a stop takes then.
 
-``python -m assurance.benchmarks.bench_beside [--pairs N --trials M --rest SECONDS]``. With
-``--pairs``: a stop with the recorder and its ledger, and without, in turns on the same nodes; and
-what recorder and ledger cost at rest.
+``python -m assurance.benchmarks.bench_beside [--turns N --trials M --rest SECONDS]``. With
+``--turns``: a stop with recorder and ledger, with a recorder that has none, and with neither, in
+turns on the same nodes; and what each recorder costs at rest.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import argparse
 import asyncio
 from collections.abc import Iterator
 import contextlib
+from itertools import pairwise
 from pathlib import Path
 import re
 import tempfile
@@ -32,6 +33,12 @@ from stage.page_rig import watch
 from stage.rig import NodeProcess
 
 BROWSERS = 20
+# From the most to the least; by name, the module that runs.
+RECORDERS = {
+    'recorder and ledger': 'rugged_teleop.recorder.node',
+    'recorder alone': 'assurance.benchmarks.bare_recorder',
+    'neither': '',
+}
 _SETTLE = 3.0  # s
 
 
@@ -96,49 +103,50 @@ def measure(size: Size = USUAL) -> dict[str, Figures]:
     return found
 
 
-def pairs(count: int, stops: int, rest: float) -> dict[str, Figures]:
+def turns(count: int, stops: int, rest: float) -> dict[str, Figures]:
     """
-    Return the reactions (s) with the recorder and without, their ratios, and per cent of a core.
+    Return the reactions (s) beside each recorder and none, their ratios, and per cent of a core.
 
-    :param stops: of each half of a pair. :param rest: s for which all is at rest.
+    :param stops: of each turn. :param rest: s for which all is at rest, once beside each.
     """
-    times: dict[bool, list[float]] = {True: [], False: []}
-    lost = dict.fromkeys(times, 0)
-    ratios = []
+    times: dict[str, list[float]] = {each: [] for each in RECORDERS}
+    lost = dict.fromkeys(RECORDERS, 0)
+    shares: dict[str, Figures] = {}
     with tempfile.TemporaryDirectory() as name, chain_of('three', Path(name)) as chain:
         assert isinstance(chain, Nodes)
-
-        def half(recorded: bool) -> float:
-            with _recorder(chain, Path(name)) if recorded else contextlib.nullcontext():
-                chain.pause(_SETTLE)
-                took, missed = trials(chain, 'estop', stops)
-            times[recorded] += took
-            lost[recorded] += missed
-            return figures(took)['p50']
-
         for number in range(count):
-            first = bool(number % 2)
-            halves = {first: half(first), not first: half(not first)}
-            ratios.append(halves[True] / halves[False])
-        with _recorder(chain, Path(name)) as recorder:
-            chain.rest(_SETTLE)
-            cost = Cost({'recorder': recorder.process.pid})
-            chain.rest(rest)
-            shares = {**cost.shares(), 'ledger': cost.thread('ledger')}
-    with_it, without = (figures(times[each]) for each in (True, False))
+            order = [*RECORDERS]
+            for kind in order[number % 3 :] + order[: number % 3]:
+                with _recorder(chain, Path(name), RECORDERS[kind]) as recorder:
+                    chain.pause(_SETTLE)
+                    took, missed = trials(chain, 'estop', stops)
+                    times[kind] += took
+                    lost[kind] += missed
+                    if recorder is not None and kind not in shares:
+                        chain.rest(_SETTLE)
+                        cost = Cost({'recorder': recorder.process.pid})
+                        chain.rest(rest)
+                        shares[kind] = {**cost.shares(), 'ledger': cost.thread('ledger')}
+    found = {kind: figures(took) for kind, took in times.items()}
     return {
-        'three estop, with recorder': {**with_it, 'lost': lost[True]},
-        'three estop, without': {**without, 'lost': lost[False]},
-        'ratio': {key: with_it[key] / without[key] for key in ('p50', 'p90')},
-        'ratio of p50, pair by pair': figures(ratios),
-        'at rest, % of a core': shares,
+        **{f'three estop, {kind}': {**found[kind], 'lost': lost[kind]} for kind in found},
+        **{
+            f'{kind} / {other}': {
+                key: found[kind][key] / found[other][key] for key in ('p50', 'p90', 'p99')
+            }
+            for kind, other in pairwise(found)
+        },
+        **{f'at rest, {kind}, % of a core': each for kind, each in shares.items()},
     }
 
 
 @contextlib.contextmanager
-def _recorder(chain: Nodes, folder: Path) -> Iterator[NodeProcess]:
-    """Run one that hears the mux."""
-    with NodeProcess('rugged_teleop.recorder.node', {'folder': folder / 'recordings'}) as recorder:
+def _recorder(chain: Nodes, folder: Path, module: str) -> Iterator[NodeProcess | None]:
+    """Run one that hears the mux; none if there is no module."""
+    if not module:
+        yield None
+        return
+    with NodeProcess(module, {'folder': folder / 'recordings'}) as recorder:
 
         def hears() -> bool:
             found = chain.observer.node.get_subscriptions_info_by_topic(f'/{MUX}/status')
@@ -152,12 +160,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog='python -m assurance.benchmarks.bench_beside', description=__doc__
     )
-    parser.add_argument('--pairs', type=int, default=0)
+    parser.add_argument('--turns', type=int, default=0)
     parser.add_argument('--trials', type=int, default=50)
     parser.add_argument('--rest', type=float, default=60.0, metavar='SECONDS')
     given = parser.parse_args()
     use_own_domain()
-    found = pairs(given.pairs, given.trials, given.rest) if given.pairs else measure()
+    found = turns(given.turns, given.trials, given.rest) if given.turns else measure()
     for name, each in found.items():
         print(name, {key: float(f'{value:.3g}') for key, value in each.items()})
 
