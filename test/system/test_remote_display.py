@@ -16,6 +16,7 @@ from signal import SIGKILL
 from typing import Any
 
 import pytest
+from sensor_msgs.msg import Joy
 
 from fort_vsc_bridge.display_texts import lines_of, status_from
 from rugged_teleop.reference import with_table
@@ -92,6 +93,17 @@ def test_stop_its_release_and_a_deadman_held_in_vain_are_told_on_the_remote(spin
     spine.wait(lambda: rumbles(spine) == before + 2, 'a rumble')
     spine.observer.holds_for(lambda: rumbles(spine) == before + 2, 0.6, 'one rumble')
     spine.vsc.apply(f'button {DEADMAN} 0')
+    wait_shown(spine, 'STOPPED', 'Ready for a reset', 'Reset')
+
+
+def test_press_too_short_for_the_display_is_felt(spine: Spine) -> None:
+    wait_shown(spine, 'STOPPED', 'Ready for a reset', 'Reset')
+    sticks = spine.observer.record(Joy, f'/{VSC}/joy', keep=1000)
+    before = rumbles(spine)
+    spine.vsc.apply(f'button {DEADMAN} 1')
+    spine.wait(lambda: any(each.buttons[0] for each in sticks.messages), 'a press in joy')
+    spine.vsc.apply(f'button {DEADMAN} 0')
+    spine.wait(lambda: rumbles(spine) == before + 1, 'a rumble')
 
 
 def nothing(spine: Spine) -> None:
