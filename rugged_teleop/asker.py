@@ -36,17 +36,25 @@ class Visitor:
 
     :param name: of the node; one that begins with an underscore is hidden from lists.
     :param signals: who handles SIGINT and SIGTERM; ROS ends its waits by default.
+    :param beside: another one, whose context it shares: when either spins, both hear.
     """
 
     def __init__(
-        self, name: str, signals: SignalHandlerOptions = SignalHandlerOptions.ALL
+        self,
+        name: str,
+        signals: SignalHandlerOptions = SignalHandlerOptions.ALL,
+        beside: Visitor | None = None,
     ) -> None:
-        avoid_shared_memory()
-        self._context = Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=signals)
+        self._host = beside
+        if beside is None:
+            avoid_shared_memory()
+            self._context = Context()
+            rclpy.init(args=[], context=self._context, signal_handler_options=signals)
+            self._executor = SingleThreadedExecutor(context=self._context)
+        else:
+            self._context, self._executor = beside._context, beside._executor
         options: dict[str, Any] = {'start_parameter_services': False, 'enable_rosout': False}
         self.node = _QuietNode(name, context=self._context, use_global_arguments=False, **options)
-        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
     def spin_once(self, seconds: float) -> None:
@@ -55,10 +63,12 @@ class Visitor:
 
     def spin_for(self, seconds: float) -> None:
         """Process what comes for so long."""
-        end = clock.now() + seconds
-        wait = min(seconds, _STEP)  # one for all: with another one rclpy gathers all topics anew
-        while True:
-            self.spin_once(wait)
+        self.spin_until(clock.now() + seconds, min(seconds, _STEP))
+
+    def spin_until(self, end: float, step: float) -> None:
+        """Process what comes until then, once at least. :param step: s that it may end late."""
+        while True:  # one step for all: with another one rclpy gathers all topics anew
+            self.spin_once(step)
             if clock.now() >= end:
                 return
 
@@ -66,9 +76,13 @@ class Visitor:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._executor.shutdown()
+        if self._host is None:
+            self._executor.shutdown()
+        else:
+            self._executor.remove_node(self.node)
         self.node.destroy_node()
-        self._context.try_shutdown()
+        if self._host is None:
+            self._context.try_shutdown()
 
 
 class Asker(Visitor):

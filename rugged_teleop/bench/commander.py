@@ -39,10 +39,13 @@ class Commander(Visitor):
     ``refusal`` says why that cannot do what is asked; empty until its parameters are known.
 
     :param option: a key of TARGETS. :param node: its full name. :param rate: Hz.
+    :param beside: see Visitor.
     """
 
-    def __init__(self, option: str, node: str, joint: str, rate: float) -> None:
-        super().__init__('bench', SignalHandlerOptions.NO)
+    def __init__(
+        self, option: str, node: str, joint: str, rate: float, beside: Visitor | None = None
+    ) -> None:
+        super().__init__('bench', SignalHandlerOptions.NO, beside)
         self.refusal = ''
         self._option, self._target = option, TARGETS[option]
         self._node_name, self._joint, self._rate = node, joint, rate
@@ -115,11 +118,9 @@ class Commander(Visitor):
             self._ask_at = clock.now() + _ASK_PERIOD
             request = GetParameters.Request(names=self._target.parameters)
             self._parameters.call_async(request).add_done_callback(self._on_parameters)
-        self._due = max(self._due + 1.0 / self._rate, clock.now())
-        while True:  # once at least, however late we are
-            self.spin_once(max(0.0, self._due - clock.now()))
-            if clock.now() >= self._due:
-                return
+        period = 1.0 / self._rate
+        self._due = max(self._due + period, clock.now())
+        self.spin_until(self._due, period / 4)
 
     def _on_estop(self, message: Any) -> None:
         self._estop, self._estop_at = message.data, clock.now()

@@ -233,7 +233,10 @@ class Running(Visitor):
     def bench(self, node: str, joint: str) -> Benched:
         """Turn a joint forward at _SPEED for _SECONDS, without the mux."""
         phases: dict[Phase, float] = {}
-        with self._without_mux(node), Commander('speed', node, joint, _RATE) as commander:
+        with (
+            self._without_mux(node),
+            Commander('speed', node, joint, _RATE, beside=self) as commander,
+        ):
             course = Course(_SPEED, _SECONDS, clock.now(), is_measured=True)
             while course.phase is not Phase.DONE:
                 if commander.refusal:
@@ -242,8 +245,9 @@ class Running(Visitor):
                 phases.setdefault(course.phase, clock.now())
                 if order is not None:
                     commander.publish(order)
-                commander.spin()
-                self.spin(0.0)
+                self._mover.publish()
+                self.on_spin()
+                commander.spin()  # both hear
         self.spin(_QUIET)
         began = phases.get(Phase.ENABLING, clock.now())
         enabling = phases.get(Phase.MOVING, clock.now()) - began

@@ -42,3 +42,19 @@ def test_one_wait_serves_all_topics_that_have_something(monkeypatch: pytest.Monk
         waits = 0
         wait_for(lambda: len(heard) == TOPICS * EACH, 10.0, 'all', idle=visitor.spin_for)
     assert waits < TOPICS * EACH / 2
+
+
+def test_both_hear_when_one_of_two_spins() -> None:
+    """While bench turned a joint, the trial beside it took in one message a turn."""
+    own_domain()
+    heard: list[Any] = []
+    with Visitor('trial') as trial:
+        trial.node.create_subscription(Bool, 'topic', heard.append, EACH)
+        publisher = trial.node.create_publisher(Bool, 'topic', EACH)
+        wait_for(publisher.get_subscription_count, 10.0, 'a subscription')
+        with Visitor('bench', beside=trial) as bench:
+            for _ in range(EACH):
+                publisher.publish(Bool())
+            wait_for(lambda: len(heard) == EACH, 10.0, 'all', idle=bench.spin_for)
+        publisher.publish(Bool())
+        wait_for(lambda: len(heard) == EACH + 1, 10.0, 'one after it', idle=trial.spin_for)
