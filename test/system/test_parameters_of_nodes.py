@@ -10,6 +10,7 @@ Most run in this process through the function that the executables call; a few a
 from collections.abc import Callable, Iterator, Sequence
 import gc
 from importlib.util import find_spec
+from itertools import cycle
 import math
 import os
 from pathlib import Path
@@ -235,11 +236,11 @@ def _bad_items(parameter: Parameter, kind: type[Any]) -> Iterator[Any]:
 def test_bad_value_of_each_parameter_is_one_line_and_status_2(
     node: str, name: str, ports: Ports, capfd: Any
 ) -> None:
-    """A start tries one value of the first parameter of each kind, and of the mux's all values."""
+    """A start tries one value of the first parameter of each kind."""
     parameter = PARAMETERS[node][name]
     is_first = name in FIRST_OF_KIND[node]
     for number, value in enumerate(bad_values(parameter)):
-        if is_first and (number == 0 or node == 'mux'):
+        if is_first and number == 0:
             line = refusal(node, {name: value}, ports, capfd)
         else:
             with pytest.raises(ParameterError) as caught:
@@ -286,14 +287,14 @@ def test_contradiction_is_one_line_and_status_2(
 
 
 TOPICS = [name for name, each in PARAMETERS['mux'].items() if name.endswith('topic')]
+FORBIDDEN = ('two words', 'a//b', '1st', 'ends/', '~x', 'a' * 247)
 
 
-@pytest.mark.parametrize('name', TOPICS)
+@pytest.mark.parametrize(('name', 'topic'), [*zip(TOPICS, cycle(FORBIDDEN), strict=False)])
 def test_topic_name_that_ros_forbids_is_one_line_and_status_2(
-    name: str, ports: Ports, capfd: Any
+    name: str, topic: str, ports: Ports, capfd: Any
 ) -> None:
-    for topic in ('two words', 'a//b', '1st', 'ends/', '~x', 'a' * 247):
-        assert name in refusal('mux', {name: topic}, ports, capfd), topic
+    assert name in refusal('mux', {name: topic}, ports, capfd)
 
 
 @pytest.mark.parametrize('alias', ['/site/fort_vsc_bridge/estop', 'drive_stop', '/estop'])
