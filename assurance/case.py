@@ -6,7 +6,8 @@ The safety case, run: ``make case``, or ``python -m assurance.case``.
 
 The claims and their arguments are rows of the pages' tables; ``case.yaml`` names the evidence of
 each. Every piece has to exist, to have passed when it last ran, and to have done so lately enough.
-``case_results.json`` says when that was, and at which commit; benchmarks have their own file.
+``case_results.json`` says when that was, and at which commit; benchmarks have their own file. A
+result counts for days, not until the sources change: every commit would make the case red.
 
 ``--record FILE...`` takes in what a run has given: a junit file of pytest, ``build/proof.json``,
 a file of ``campaign --json`` or ``campaign random --json``. ``--run`` runs the tests and worlds

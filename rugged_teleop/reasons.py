@@ -28,6 +28,7 @@ from safety_mux import reasons as mux_reasons
 _CODE = re.compile(
     r'(?:ros2|candump) .+|~/\w+|\b[a-z]+\.[\w<>.]+|\b\w+_\w+\b'
 )  # what a page shows as code
+_WORD = re.compile(r'[\w~/]+')
 
 
 @cache
@@ -130,5 +131,14 @@ def _who(entry: Entry) -> str:
 
 
 def _steps(entry: Entry, folder: str) -> str:
+    """Return the steps, unless every sentence of it says all of them itself."""
+    steps = [_words(each) for each in entry.steps]
+    says_all = all(step in _words(each) for each in entry.says for step in steps)
     text = '. '.join(_CODE.sub(r'`\g<0>`', step) for step in entry.steps)
+    text = 'as it says' if says_all else text
     return f'{text} ([more]({folder}{entry.more}))' if entry.more else text
+
+
+def _words(text: str) -> str:
+    """Return a text's words alone, in small letters, for a comparison."""
+    return f' {" ".join(_WORD.findall(text.lower()))} '

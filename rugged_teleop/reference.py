@@ -190,12 +190,18 @@ def _commented(entry: str, parameter: Parameter) -> list[str]:
 
 def markdown_table(parameters: Iterable[Parameter], named: Iterable[Parameter]) -> str:
     """Return a table. :param named: the parameters of the names in the default lists."""
+    parameters = tuple(parameters)
+    legend = '† needs a restart.\n\n' if any(p.fixed for p in parameters) else ''
     head = '| parameter | default | allowed | meaning |\n| --- | --- | --- | --- |\n'
-    rows = (
-        (f'`{p.name}`', _defaults(p, named), _allowed(p), _CODE.sub(r'`\g<0>`', _meaning(p)))
-        for p in parameters
-    )
-    return head + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+    said: dict[str, str] = {}  # what a row means, by name of the first that means it
+    rows = []
+    for p in parameters:
+        name = f'`{p.name}`'
+        first = said.setdefault(p.description, name)
+        meaning = f'As {first}.' if first != name else _CODE.sub(r'`\g<0>`', p.description)
+        mark = '†' if p.fixed else ''
+        rows.append((f'{name}{mark}', _defaults(p, named), _allowed(p), meaning))
+    return legend + head + ''.join(f'| {" | ".join(row)} |\n' for row in rows)
 
 
 def _is_limited(parameter: Parameter) -> bool:

@@ -6,7 +6,9 @@ The process that the wires of a node are forked from: they share the memory of w
 
 It is started as a wire is, has one thread and nothing of ROS, and does what forked.py asks: it
 loads a module, or forks. It ends with its node. The parent of a fork ends at once, which makes
-the node its parent: so nothing that happens to the template happens to a wire.
+the node its parent: so nothing that happens to the template happens to a wire. A fork of the node
+would copy the locks of the middleware. With six nodes in one process the wires and spares took
+84 MB (PSS) as fresh Pythons; as forks they take 48.
 """
 
 from __future__ import annotations

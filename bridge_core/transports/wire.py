@@ -7,7 +7,8 @@ One device's wire: its port, its session and its pacing, in one loop that shares
 It waits in the kernel for bytes, for requests and for the next deadline, stamps what it reads,
 gives it to the session, sends the frames and hands the events to its owner. It runs as long as
 the node, port or no port, because a stop is published without a port too. A thread of the node
-runs it, or a process of its own: see link.py and process.py.
+runs it, or a process of its own: see link.py and process.py. The thread that hears is the one that
+publishes: if it hangs, the silence is a stop, where a timer would go on saying that all is clear.
 """
 
 from __future__ import annotations

@@ -75,9 +75,20 @@ def test_example_of_a_list_that_names_nothing_is_what_a_name_there_would_bring()
 
 @each_node
 def test_no_text_breaks_its_row_or_is_taken_for_markup(node: Node) -> None:
-    for row in reference.markdown_table(whole_table(node), node.table({})).splitlines():
+    table = reference.markdown_table(whole_table(node), node.table({}))
+    for row in table[table.index('|') :].splitlines():
         assert row.count('|') == 5, row
         assert not re.search(r'[<*~]', re.sub('`[^`]*`', '', row)), row
+
+
+def test_restart_is_a_mark_with_a_legend_and_a_meaning_stands_once() -> None:
+    fixed = Parameter('a.rate', 1.0, 'How often.', fixed=True)
+    again = Parameter('b.rate', 1.0, 'How often.')
+    legend, _, *_, first, second = reference.markdown_table([fixed, again], []).splitlines()
+    assert legend == '† needs a restart.'
+    assert first == '| `a.rate`† | `1.0` |  | How often. |'
+    assert second == '| `b.rate` | `1.0` |  | As `a.rate`. |'
+    assert '†' not in reference.markdown_table([again], [])
 
 
 def test_names_with_defaults_of_their_own_are_shown_before_the_others() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from bridge_core.diagnostics import to_msg
-from bridge_core.reasons import Coded, Severity, to_values
+from bridge_core.reasons import Coded, entries, Severity, to_values
 from bridge_core.report import Status
 from bridge_core.session import Level
 from fort_vsc_bridge.display_texts import lines_of, status_from
@@ -22,7 +22,7 @@ from rugged_teleop.commission.looks import instead
 from rugged_teleop.doctor.graph import Graph, graph_findings, Said
 from rugged_teleop.doctor.main import _as_list
 from rugged_teleop.operate import _told
-from rugged_teleop.reasons import catalogue, to_do
+from rugged_teleop.reasons import catalogue, markdown_table, to_do
 from rugged_teleop.why.story import _cause
 from safety_mux.device_words import DeviceWords
 from safety_mux.report import report_of, Surroundings
@@ -144,3 +144,30 @@ def test_steps_of_a_code_are_said_once_with_who_is_concerned(
     said = Said.of('safety_mux', 1, '', values | to_values(reasons, catalogue()))
     listed = _as_list([*graph_findings(Graph([], [said]))], False).partition('\n')[2]
     assert all(listed.count(step) == 1 for step in first.steps)
+
+
+@pytest.mark.parametrize(
+    ('sentence', 'cell'),
+    [
+        ('charge the remote: its battery is at … %', 'as it says'),
+        ('its battery is at … %', 'Charge the remote'),
+        ('charge the remotes', 'Charge the remote'),
+    ],
+)
+def test_page_repeats_no_step_that_the_sentence_says(sentence: str, cell: str) -> None:
+    table = entries(f"""
+x.low: note, operator: It is low
+    {sentence}
+    -> Charge the remote
+""")
+    assert markdown_table(table, 'message').splitlines()[-1].endswith(f'| operator | {cell} |')
+
+
+def test_page_keeps_all_steps_where_the_sentence_says_some() -> None:
+    table = entries("""
+x.hot: stop, operator: It is hot
+    let it cool, it is hot
+    -> Let it cool
+    -> Clear its errors
+""")
+    assert markdown_table(table, 'message').endswith('| Let it cool. Clear its errors |\n')
