@@ -6,29 +6,22 @@
 from collections.abc import Iterator
 from dataclasses import replace
 import math
-import os
 from pathlib import Path
 import shutil
-import subprocess
-import sys
 from typing import Any
 
 import pytest
 
 from assurance import campaign
-from assurance.benchmarks import __main__ as benchmarks, results
+from assurance.benchmarks import results
 from assurance.benchmarks.__main__ import GROUPS
 from assurance.benchmarks.rig import (
     build,
-    family,
     figures,
-    gaps,
     ONCE,
-    Packet,
     Rig,
     running,
     UnavailableError,
-    wires_of,
 )
 from assurance.campaign import Fault, Trial
 from rugged_teleop.reference import with_table
@@ -84,31 +77,6 @@ def test_figures_are_quantiles_of_all_values() -> None:
     assert figures([]) == {'n': 0}
 
 
-def test_gaps_are_between_packets() -> None:
-    assert gaps([Packet(at, True, 0) for at in (1.0, 1.5, 3.0)]) == [0.5, 1.5]
-
-
-def test_family_has_children_of_children() -> None:
-    source = 'import subprocess, sys; subprocess.run([sys.executable, "-S", "-c", "input()"])'
-    with subprocess.Popen([sys.executable, '-c', source], stdin=subprocess.PIPE) as process:
-        wait_for(lambda: len(family(process.pid)) == 2, 10.0, 'a grandchild')
-        assert family(os.getpid())[0] == os.getpid()
-        assert set(family(process.pid)) < set(family(os.getpid()))
-        assert campaign.lives(process.pid)
-        process.communicate(b'\n')
-    assert not campaign.lives(process.pid)
-
-
-def test_process_that_runs_a_wire_is_known_by_its_name() -> None:
-    with subprocess.Popen(
-        [sys.executable, '-S', '-c', "open('/proc/self/comm', 'w').write('wire'); input()"],
-        stdin=subprocess.PIPE,
-    ) as process:
-        wait_for(lambda: wires_of(os.getpid()) == [process.pid], 10.0, 'the name')
-        process.communicate(b'\n')
-    assert wires_of(os.getpid()) == []
-
-
 # Rows.
 
 
@@ -128,11 +96,6 @@ def test_group_measures(group: str) -> None:
     found = GROUPS[group](ONCE)
     assert results.rows(found)
     assert all(math.isfinite(value) for each in found.values() for value in each.values())
-
-
-def test_each_group_measures_by_a_module_that_is_there() -> None:
-    modules = {path.stem for path in Path(benchmarks.__file__).parent.glob('bench_*.py')}
-    assert modules == {name for name in vars(benchmarks) if name.startswith('bench_')}
 
 
 def row_of(p50: float, bare: float, n: int = 200) -> results.Row:
@@ -180,18 +143,6 @@ def test_rows_measured_anew_replace_theirs_only() -> None:
     old, new = row_of(0.003, 0.002), row_of(0.004, 0.002)
     other = replace(old, name='another')
     assert results.merged([other, old], [new]) == [new, other]
-
-
-def test_file_keeps_rows(tmp_path: Path) -> None:
-    rows = [row_of(0.003, 0.002)]
-    results.dump({'cores': '2'}, rows, tmp_path / 'results.json')
-    assert results.load(tmp_path / 'results.json') == {'machine': {'cores': '2'}, 'rows': rows}
-
-
-def test_targets_name_what_they_limit_once() -> None:
-    names = [target.name for target in results.TARGETS]
-    assert len(set(names)) == len(names)
-    assert all(target.anchor or target.absolute or not target.limits for target in results.TARGETS)
 
 
 def test_table_of_the_page_is_that_of_the_results() -> None:
