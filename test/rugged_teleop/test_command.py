@@ -132,7 +132,7 @@ def test_full_output_is_not_the_fault_of_the_file(command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    'words', [('why', INCIDENT), ('replay', INCIDENT), ('doctor', '--seconds', '0.2')]
+    'words', [('why', INCIDENT), ('decode', INCIDENT), ('doctor', '--seconds', '0.2')]
 )
 def test_reader_that_has_seen_enough_is_no_error(words: Sequence[str]) -> None:
     read, write = os.pipe()

@@ -501,16 +501,15 @@ class Command:
 @pytest.mark.parametrize(
     ('device', 'names', 'end'),
     [
-        ('fort_vsc', ('reboot', 'left_y', 'left_down'), signal.SIGINT),
-        ('esi_drive', ('reboot', 'rs422', 'overcurrent'), signal.SIGTERM),
+        ('fort_vsc', ('reboot', 'left_y', 'left_down'), signal.SIGTERM),
         ('ssc', ('reboot',), signal.SIGHUP),
-        ('esi_drive', ('quit',), 'quit'),
+        ('esi_drive', ('quit', 'rs422', 'overcurrent'), 'quit'),
     ],
 )
 def test_command_helps_and_takes_its_port_away_when_it_is_told_to_end(
     path: Path, device: str, names: Sequence[str], end: int | str
 ) -> None:
-    with Command(device, '--port', str(path)) as command:
+    with Command(device, '--port', str(path), '--verbose') as command:
         command.wait('type help')
         assert path.is_symlink()
         command.say('help')
@@ -520,6 +519,12 @@ def test_command_helps_and_takes_its_port_away_when_it_is_told_to_end(
         command.wait("not done: unknown command 'nonsense'")
         command.say('show')
         command.wait('plugged: True')
+        if device == 'fort_vsc':
+            command.say('estop remote on')
+            command.wait('remote_estop: True')
+            command.say('battery 20')
+            command.wait('battery_percent: 20')
+            assert 'remote_estop' not in command.output, 'a change is told once'
         if isinstance(end, str):
             command.say(end)
             assert command.process.wait(5.0 * TIMEOUT_FACTOR) == 0
@@ -597,30 +602,6 @@ def test_command_runs_without_input_and_output(path: Path) -> None:
         wait_for(lambda: path.is_symlink() or process.poll() is not None, 20.0, 'the port')
         process.terminate()
         assert process.wait(10.0) == 0
-
-
-def test_verbose_command_tells_changes_once(path: Path) -> None:
-    with Command('fort_vsc', '--port', str(path), '--verbose') as command:
-        command.wait('type help')
-        command.say('estop remote on')
-        command.wait('remote_estop: True')
-        command.say('battery 20')
-        command.wait('battery_percent: 20')
-        assert 'remote_estop' not in command.output
-        command.end(signal.SIGTERM)
-
-
-def test_simulated_devices_speak_as_their_manuals_say(path: Path) -> None:
-    with PtyDevice(
-        simulate.DEVICES['fort_vsc'].make(
-            simulate.parser().parse_args(['fort_vsc', '--port', str(path)])
-        ),
-        path,
-    ):
-        host = Host(path)
-        # Heartbeat (7.3.2): header 1001, type 20, 6 bytes: mode Remote, user control, no e-stop.
-        wait_for(lambda: bytes.fromhex('10012006 0600 00000000') in host.read(), 2.0, 'heartbeat')
-        os.close(host.fd)
 
 
 def test_help_of_a_simulator_is_for_people() -> None:

@@ -94,9 +94,9 @@ def test_lines_that_hexdump_leaves_out_are_damage(tmp_path: Path) -> None:
 def test_one_endless_line_of_hex_is_read(tmp_path: Path) -> None:
     for separator in ('', ' '):
         path = write(tmp_path / 'a.txt', HEARTBEAT.hex(separator or ' ').replace(' ', separator))
-        text = (path.read_text() + separator) * 8000
+        text = (path.read_text() + separator) * 3000
         entries = decoded(write(path, text))
-        assert [entry.data for entry in entries] == [HEARTBEAT] * 8000
+        assert [entry.data for entry in entries] == [HEARTBEAT] * 3000
 
 
 # candump.
@@ -266,7 +266,7 @@ def is_frame(kind: str, line: str) -> bool:
 
 
 def test_cut_blf_gives_what_is_whole_and_says_so(tmp_path: Path) -> None:
-    path = write_log(tmp_path / 'capture', 'blf', 5000)
+    path = write_log(tmp_path / 'capture', 'blf', 1000)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] + b'XXXX' * 10)
     entries = decoded(path)
