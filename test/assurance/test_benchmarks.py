@@ -80,17 +80,12 @@ def test_figures_are_quantiles_of_all_values() -> None:
 # Rows.
 
 
-_ALONE = ('reaction', 'load', 'beside', 'memory')
-
-
+# Some need motion with time-outs as delivered, which other tests beside them would end; and cores
+# that are kept busy would be those of all other tests.
 @needs_compiler
+@pytest.mark.proof
 @pytest.mark.waits(300)
-@pytest.mark.parametrize(
-    'group',
-    # Some need motion with time-outs as delivered, which other tests beside them would end; and
-    # cores that are kept busy would be those of all other tests.
-    [pytest.param(name, marks=[pytest.mark.proof] * (name in _ALONE)) for name in GROUPS],
-)
+@pytest.mark.parametrize('group', GROUPS)
 def test_group_measures(group: str) -> None:
     """Once, small: what is measured has to work, and no figure is asserted."""
     found = GROUPS[group](ONCE)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import re
-import stat
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -291,18 +290,6 @@ def test_readme_opens_with_its_two_commands() -> None:
     assert commands == ['make demo ARGS=--once', 'make test']
     assert readme.index(commands[0]) < readme.index('\n## ')
     assert {command.split()[1] for command in commands} <= targets()
-
-
-def test_ci_runs_lint_and_the_test_command_of_the_readme() -> None:
-    script = ROOT / '.ci' / 'run'
-    assert script.stat().st_mode & stat.S_IXUSR
-    lines = script.read_text(encoding='utf-8').splitlines()
-    assert 'set -euo pipefail' in lines
-    assert [line for line in lines if 'make lint test' in line] == [
-        'if ! make lint test 2>&1 | tee "$log"; then'
-    ]
-    assert '    exit 1' in lines  # and says so
-    assert 'make test' in first_commands(text('README.md'))
 
 
 def test_make_has_the_targets_that_the_documents_name() -> None:

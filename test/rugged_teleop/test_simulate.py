@@ -21,7 +21,7 @@ from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop import simulate
 from rugged_teleop.faults import FaultyLine
 from rugged_teleop.multicasts import GROUP, LOOPBACK, MulticastDevice
-from rugged_teleop.ports import DevicePort, HELP as PORT_HELP
+from rugged_teleop.ports import DevicePort
 from rugged_teleop.ptys import PtyDevice
 from stage.multicast_rig import free_port
 from stage.rig import ROOT, run_python, TIMEOUT_FACTOR, wait_for
@@ -531,16 +531,6 @@ def test_command_helps_and_takes_its_port_away_when_it_is_told_to_end(
         else:
             assert command.end(end) == 0
     assert not path.is_symlink()
-
-
-@pytest.mark.parametrize('line', ['drop next 1 out', 'corrupt next 1 out', 'stall on', 'hang 0.1'])
-def test_what_help_of_the_drive_lists_is_obeyed(path: Path, line: str) -> None:
-    options = simulate.parser().parse_args(['esi_drive', '--port', str(path)])
-    word = line.split()[0]
-    texts = (PORT_HELP, simulate.DEVICES['esi_drive'].help)
-    assert sum(text.startswith(word) or f'\n{word} ' in text for text in texts) == 1
-    with PtyDevice(simulate.DEVICES['esi_drive'].make(options), path) as device:
-        device.apply(line)
 
 
 def test_command_of_the_vm110_speaks_on_the_group_until_a_signal() -> None:

@@ -59,13 +59,6 @@ def heard(at: float, size: int = 8) -> Heard:
 # The ring.
 
 
-def test_ring_forgets_what_is_too_old() -> None:
-    ring = Ring(60.0, 1_000_000)
-    for second in range(100):
-        ring.add(heard(float(second)))
-    assert [message.at for message in ring.messages()] == [float(s) for s in range(39, 100)]
-
-
 def test_newest_of_a_latched_topic_is_kept_however_old() -> None:
     ring, channel = Ring(60.0, 1_000_000), BOOL._replace(topic='/drive/link_up', latched=True)
     for second in (0.0, 1.0):
