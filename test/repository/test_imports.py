@@ -16,6 +16,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import textwrap
 from typing import Any
 
 import pytest
@@ -345,28 +346,29 @@ def test_forbidden_import_is_found(module: str) -> None:
         assert violations(module, source), source
 
 
+def printed(program: str, *options: str, **environment: str) -> str:
+    """Return what a program prints in a Python of its own."""
+    command = [sys.executable, *options, '-c', textwrap.dedent(program)]
+    given: dict[str, Any] = {'env': environment} if environment else {}
+    return str(subprocess.run(command, capture_output=True, text=True, check=True, **given).stdout)
+
+
 @pytest.mark.parametrize('bridge', ['esi_drive_bridge', 'ssc_bridge', 'akron_can_bridge'])
 def test_process_of_an_actuators_wire_loads_nothing_of_ros(bridge: str) -> None:
     """Whatever imports what: here is all that is loaded in the end."""
     module = f'{bridge}.wire'
     importlib.import_module(module)  # as in the node
     program = f"""
-import importlib
-import sys
-import bridge_core.start_wire
-import bridge_core.transports.wire_process
-import {module}
-for late in {module}.BRIDGE.loads:
-    importlib.import_module(late)
-print(*sys.modules)
-"""
-    loaded = subprocess.run(
-        [sys.executable, '-S', '-c', program],
-        env=environment(module),
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split()
+        import importlib
+        import sys
+        import bridge_core.start_wire
+        import bridge_core.transports.wire_process
+        import {module}
+        for late in {module}.BRIDGE.loads:
+            importlib.import_module(late)
+        print(*sys.modules)
+    """
+    loaded = printed(program, '-S', **environment(module)).split()
     assert module in loaded
     tops = {name.split('.')[0] for name in loaded}
     assert not [top for top in tops if top.startswith(('rcl', 'rosidl')) or MESSAGES.match(top)]
@@ -384,33 +386,29 @@ print(*sys.modules)
 def test_wire_that_takes_over_has_loaded_all_it_needs(bridge: str, values: dict[str, Any]) -> None:
     """It says that it is ready once; a wire that loads more then is silent for as long."""
     program = f"""
-import importlib
-import sys
-import bridge_core.transports.wire_process
-bridge = importlib.import_module('{bridge}.wire').BRIDGE
-for late in bridge.loads:
-    importlib.import_module(late)
-before = set(sys.modules)
-bridge.make_transport({dict(values, bitrate=0)})
-print(*set(sys.modules) - before)
-"""
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == []
+        import importlib
+        import sys
+        import bridge_core.transports.wire_process
+        bridge = importlib.import_module('{bridge}.wire').BRIDGE
+        for late in bridge.loads:
+            importlib.import_module(late)
+        before = set(sys.modules)
+        bridge.make_transport({dict(values, bitrate=0)})
+        print(*set(sys.modules) - before)
+    """
+    assert printed(program).split() == []
 
 
 def test_wire_on_an_interface_of_the_kernel_does_without_python_can() -> None:
     program = """
-import sys
-from akron_can_bridge.wire import BRIDGE
-from bridge_core.transports import TransportError
-port = BRIDGE.make_transport({'interface': 'socketcan', 'channel': 'none', 'bitrate': 0})
-try:
-    port.open()
-except TransportError:
-    print('can' in sys.modules)
-"""
-    command = [sys.executable, '-c', program]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == 'False\n'
+        import sys
+        from akron_can_bridge.wire import BRIDGE
+        from bridge_core.transports import TransportError
+        given = {'interface': 'socketcan', 'channel': 'none', 'bitrate': 0}
+        port = BRIDGE.make_transport(given)
+        try:
+            port.open()
+        except TransportError:
+            print('can' in sys.modules)
+    """
+    assert printed(program) == 'False\n'
