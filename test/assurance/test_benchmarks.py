@@ -113,18 +113,19 @@ def test_row_whose_anchor_was_not_measured_is_left_out() -> None:
     assert results.rows({'three estop': {'p50': 1.0, 'n': 1}}) == []
 
 
-def test_worse_is_a_ratio_and_no_time() -> None:
-    before = [row_of(0.003, 0.002)]
-    assert results.worse(before, [row_of(0.030, 0.020)]) == []
-    assert results.worse(before, [row_of(0.003 * 1.2, 0.002)]) == []
-    p50, p99 = results.worse(before, [row_of(0.003 * 1.3, 0.002)])
-    assert 'p50' in p50
-    assert 'p99' in p99
-
-
-def test_p99_of_few_values_is_not_compared() -> None:
-    (text,) = results.worse([row_of(0.003, 0.002)], [row_of(0.030, 0.002, n=20)])
-    assert 'p50' in text
+@pytest.mark.parametrize(
+    ('now', 'worse'),
+    [
+        (row_of(0.030, 0.020), []),  # a ratio, and no time
+        (row_of(0.003 * 1.2, 0.002), []),
+        (row_of(0.003 * 1.3, 0.002), ['p50', 'p99']),
+        (row_of(0.030, 0.002, n=20), ['p50']),  # a p99 of few values is not compared
+    ],
+)
+def test_worse_is_a_ratio_of_enough_values(now: results.Row, worse: list[str]) -> None:
+    told = results.worse([row_of(0.003, 0.002)], [now])
+    assert len(told) == len(worse)
+    assert all(name in text for name, text in zip(worse, told, strict=True))
 
 
 def test_count_that_was_reached_and_is_not_is_worse() -> None:
