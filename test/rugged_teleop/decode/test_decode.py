@@ -303,6 +303,12 @@ def test_standard_input_may_be_a_binary_file(
     assert [*folder.iterdir()] == []
 
 
+def test_copy_is_a_file_that_asammdf_takes_for_one() -> None:
+    with captures._copy(io.BytesIO(b'MDF     ')) as file:
+        assert isinstance(file, io.BufferedReader)
+        assert Path(file.name).read_bytes() == file.read()
+
+
 def test_copy_that_finds_no_room_is_not_the_fault_of_the_output(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -94,7 +94,7 @@ def test_unknown_type_is_shown_and_no_damage() -> None:
 
 def test_long_noise_is_one_damaged_place() -> None:
     frame = STREAMS['ssc'][0]
-    noise = bytes(100_000)
+    noise = bytes(300_000)  # more than the sample that tells the protocol
     _, bad, last = entries(frame + noise + frame, split=4096)
     assert (bad.offset, bad.size) == (len(frame), len(noise))
     assert last.offset == len(frame) + len(noise)
