@@ -228,6 +228,12 @@ def test_dropped_chunk_is_lost_in_its_direction_only(device: PtyDevice, host: Ho
     host.wait(b'kept')
 
 
+def test_corrupt_chunk_differs_by_a_bit(device: PtyDevice, host: Host) -> None:
+    device.apply('corrupt next 1 out')
+    host.write(b'\0')
+    wait_for(lambda: host.read() and host.heard[0].bit_count() == 1, 2.0, 'a flipped bit')
+
+
 def test_stalled_port_stays_open_and_carries_nothing(device: PtyDevice, host: Host) -> None:
     device.apply('stall on')
     host.write(b'waits')
