@@ -29,10 +29,3 @@ def test_more_loss_and_longer_bursts_make_more_stops() -> None:
     )
     assert none == 0.0
     assert 0.0 < some < bursts
-
-
-def test_command_prints_the_stops_by_limit(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ages.main(['--hours', '0.01', '--delay', '0.2']) == 0
-    row = capsys.readouterr().out.splitlines()[-1]
-    assert row.startswith('| delay 0.2 |')
-    assert row.endswith('| 0 | 0 | 0 |')

@@ -6,29 +6,22 @@
 from collections.abc import Iterator
 from dataclasses import replace
 import math
-import os
 from pathlib import Path
 import shutil
-import subprocess
-import sys
 from typing import Any
 
 import pytest
 
 from assurance import campaign
-from assurance.benchmarks import __main__ as benchmarks, results
+from assurance.benchmarks import results
 from assurance.benchmarks.__main__ import GROUPS
 from assurance.benchmarks.rig import (
     build,
-    family,
     figures,
-    gaps,
     ONCE,
-    Packet,
     Rig,
     running,
     UnavailableError,
-    wires_of,
 )
 from assurance.campaign import Fault, Trial
 from rugged_teleop.reference import with_table
@@ -84,55 +77,20 @@ def test_figures_are_quantiles_of_all_values() -> None:
     assert figures([]) == {'n': 0}
 
 
-def test_gaps_are_between_packets() -> None:
-    assert gaps([Packet(at, True, 0) for at in (1.0, 1.5, 3.0)]) == [0.5, 1.5]
-
-
-def test_family_has_children_of_children() -> None:
-    source = 'import subprocess, sys; subprocess.run([sys.executable, "-S", "-c", "input()"])'
-    with subprocess.Popen([sys.executable, '-c', source], stdin=subprocess.PIPE) as process:
-        wait_for(lambda: len(family(process.pid)) == 2, 10.0, 'a grandchild')
-        assert family(os.getpid())[0] == os.getpid()
-        assert set(family(process.pid)) < set(family(os.getpid()))
-        assert campaign.lives(process.pid)
-        process.communicate(b'\n')
-    assert not campaign.lives(process.pid)
-
-
-def test_process_that_runs_a_wire_is_known_by_its_name() -> None:
-    with subprocess.Popen(
-        [sys.executable, '-S', '-c', "open('/proc/self/comm', 'w').write('wire'); input()"],
-        stdin=subprocess.PIPE,
-    ) as process:
-        wait_for(lambda: wires_of(os.getpid()) == [process.pid], 10.0, 'the name')
-        process.communicate(b'\n')
-    assert wires_of(os.getpid()) == []
-
-
 # Rows.
 
 
-_ALONE = ('reaction', 'load', 'beside', 'memory')
-
-
+# Some need motion with time-outs as delivered, which other tests beside them would end; and cores
+# that are kept busy would be those of all other tests.
 @needs_compiler
+@pytest.mark.proof
 @pytest.mark.waits(300)
-@pytest.mark.parametrize(
-    'group',
-    # Some need motion with time-outs as delivered, which other tests beside them would end; and
-    # cores that are kept busy would be those of all other tests.
-    [pytest.param(name, marks=[pytest.mark.proof] * (name in _ALONE)) for name in GROUPS],
-)
+@pytest.mark.parametrize('group', GROUPS)
 def test_group_measures(group: str) -> None:
     """Once, small: what is measured has to work, and no figure is asserted."""
     found = GROUPS[group](ONCE)
     assert results.rows(found)
     assert all(math.isfinite(value) for each in found.values() for value in each.values())
-
-
-def test_each_group_measures_by_a_module_that_is_there() -> None:
-    modules = {path.stem for path in Path(benchmarks.__file__).parent.glob('bench_*.py')}
-    assert modules == {name for name in vars(benchmarks) if name.startswith('bench_')}
 
 
 def row_of(p50: float, bare: float, n: int = 200) -> results.Row:
@@ -155,18 +113,19 @@ def test_row_whose_anchor_was_not_measured_is_left_out() -> None:
     assert results.rows({'three estop': {'p50': 1.0, 'n': 1}}) == []
 
 
-def test_worse_is_a_ratio_and_no_time() -> None:
-    before = [row_of(0.003, 0.002)]
-    assert results.worse(before, [row_of(0.030, 0.020)]) == []
-    assert results.worse(before, [row_of(0.003 * 1.2, 0.002)]) == []
-    p50, p99 = results.worse(before, [row_of(0.003 * 1.3, 0.002)])
-    assert 'p50' in p50
-    assert 'p99' in p99
-
-
-def test_p99_of_few_values_is_not_compared() -> None:
-    (text,) = results.worse([row_of(0.003, 0.002)], [row_of(0.030, 0.002, n=20)])
-    assert 'p50' in text
+@pytest.mark.parametrize(
+    ('now', 'worse'),
+    [
+        (row_of(0.030, 0.020), []),  # a ratio, and no time
+        (row_of(0.003 * 1.2, 0.002), []),
+        (row_of(0.003 * 1.3, 0.002), ['p50', 'p99']),
+        (row_of(0.030, 0.002, n=20), ['p50']),  # a p99 of few values is not compared
+    ],
+)
+def test_worse_is_a_ratio_of_enough_values(now: results.Row, worse: list[str]) -> None:
+    told = results.worse([row_of(0.003, 0.002)], [now])
+    assert len(told) == len(worse)
+    assert all(name in text for name, text in zip(worse, told, strict=True))
 
 
 def test_count_that_was_reached_and_is_not_is_worse() -> None:
@@ -180,18 +139,6 @@ def test_rows_measured_anew_replace_theirs_only() -> None:
     old, new = row_of(0.003, 0.002), row_of(0.004, 0.002)
     other = replace(old, name='another')
     assert results.merged([other, old], [new]) == [new, other]
-
-
-def test_file_keeps_rows(tmp_path: Path) -> None:
-    rows = [row_of(0.003, 0.002)]
-    results.dump({'cores': '2'}, rows, tmp_path / 'results.json')
-    assert results.load(tmp_path / 'results.json') == {'machine': {'cores': '2'}, 'rows': rows}
-
-
-def test_targets_name_what_they_limit_once() -> None:
-    names = [target.name for target in results.TARGETS]
-    assert len(set(names)) == len(names)
-    assert all(target.anchor or target.absolute or not target.limits for target in results.TARGETS)
 
 
 def test_table_of_the_page_is_that_of_the_results() -> None:

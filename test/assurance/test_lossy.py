@@ -89,12 +89,3 @@ def test_stop_nobody_asked_for_is_counted_by_its_reason_and_apart_if_the_machine
     assert moving.result.false.total() + moving.result.paused.total() == 1
     assert 'stopped … ms ago: the cause; more | [fort]: ' in moving.result.words()
     assert 'before' not in moving.result.words()
-
-
-def test_command_line_takes_parameters_of_the_spine_alone() -> None:
-    given = lossy.given_by(['-p', 'safety_mux:estop.fort.age_limit:=0.4', '--bursts'])
-    assert given.p == [('safety_mux', 'estop.fort.age_limit', '0.4')]
-    assert given.bursts == 0.15
-    for bad in ('age_limit:=1', 'nobody:age_limit:=1'):
-        with pytest.raises(SystemExit):
-            lossy.given_by(['-p', bad])

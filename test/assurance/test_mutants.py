@@ -85,6 +85,7 @@ def in_python(code: str, *arguments: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True).stdout
 
 
+@pytest.mark.proof  # it runs tests by itself
 def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
     said = in_python(
         'import bridge_core.watchdog; from assurance import mutant_runs; '
@@ -93,25 +94,6 @@ def test_fault_counts_in_a_module_that_is_loaded_already() -> None:
         'print(mutant_runs.run_tests("bridge_core/watchdog.py", tests, fault, 60.0)[0])'
     )
     assert said.split() == ['killed']
-
-
-_PATIENCE = """
-import sys
-from assurance import mutant_runs
-
-FILE = 'bridge_core/watchdog.py'
-print(mutant_runs.patience_of(FILE, ['test/bridge_core/test_watchdog.py']))
-try:
-    mutant_runs.patience_of(FILE, ['test/test_nothing.py'])
-except mutant_runs.UnfitTestsError as error:
-    print('unfit')
-"""
-
-
-def test_patience_is_measured_by_tests_that_pass_without_a_fault() -> None:
-    patience, unfit = in_python(_PATIENCE).split()[-2:]
-    assert 10.0 < float(patience) < 600.0
-    assert unfit == 'unfit'
 
 
 _JUDGED = """
@@ -160,11 +142,13 @@ with open(sys.argv[1], 'w') as said:
 """
 
 
+@pytest.mark.proof  # it runs tests by itself
 def test_fault_counts_in_a_function_that_another_one_made_at_the_import(tmp_path: Path) -> None:
     in_python(_CLOSURE, str(tmp_path / 'said'))
     assert set((tmp_path / 'said').read_text().split()) == {'killed'}
 
 
+@pytest.mark.proof  # it runs tests by itself
 def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
     call = (
         'import sys; from assurance import mutants; '
@@ -177,22 +161,3 @@ def test_results_are_kept_and_taken_up_again(tmp_path: Path) -> None:
     assert len(known.splitlines()) == len([*mutants.mutants('safety_mux/stamps.py')])
     assert in_python(call, str(results)) == said
     assert results.read_text() == known
-
-
-_UNFIT = """
-import sys
-from assurance import mutants
-
-def judged(files, path, sample):
-    if 'stamps' in files[0]:
-        raise mutants.UnfitTestsError('unfit')
-    return [mutants.Verdict(['fit'], 1, 1)]
-
-mutants.judge = judged
-print(mutants.main(['safety_mux/stamps.py', 'safety_mux/limits.py', '--workers', '1']))
-"""
-
-
-def test_unfit_tests_of_a_file_are_told_and_the_other_files_judged() -> None:
-    said = in_python(_UNFIT).splitlines()
-    assert said == ['fit', '1 of 1 killed: 100.0%', '2']

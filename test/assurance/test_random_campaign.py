@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -38,47 +39,41 @@ def judged(sent: Sequence[Packet], fault: Fault = FAULT, waited: float = 0.0) ->
     return trial
 
 
-def test_drive_that_is_disabled_in_time_and_moves_after_a_new_press_holds() -> None:
-    trial = judged(packets((0.0, 10.05), (12.1, 20.0)))
-    assert trial.stopped == pytest.approx(0.05, abs=PERIOD)
-    assert not trial.findings
+AGAIN = (12.1, 20.0)  # behind the new press
 
 
-def test_stop_beyond_the_bound_is_a_finding_unless_the_machine_took_that_time() -> None:
-    sent = packets((0.0, 10.15), (12.1, 20.0))
-    assert 'late' in judged(sent).findings[0]
-    assert not judged(sent, waited=0.06).findings
+@pytest.mark.parametrize(
+    ('enabling', 'changes', 'waited', 'found'),
+    [
+        ([(0.0, 10.05), AGAIN], {}, 0.0, ''),
+        ([(0.0, 10.15), AGAIN], {}, 0.0, 'late'),
+        ([(0.0, 10.15), AGAIN], {}, 0.06, ''),  # the machine took that time
+        ([(0.0, 12.0)], {}, 5.0, 'never'),
+        ([(0.0, 11.25), AGAIN], {}, 5.0, 'late'),  # let go at 11: a machine takes a second at most
+        ([(0.0, 10.05), (10.5, 10.52)], {}, 0.0, '2 packets enable after a stop'),
+        ([(0.0, 10.5)], {'hears': False, 'bound': 0.02}, 0.0, 'late'),
+        ([(0.0, 11.05), AGAIN], {'bound': None}, 0.0, ''),  # it is judged by letting go
+        ([(0.0, 11.5)], {'bound': None}, 0.0, 'let go'),
+    ],
+)
+def test_packets_of_a_trial_are_judged(
+    enabling: list[tuple[float, float]], changes: dict[str, Any], waited: float, found: str
+) -> None:
+    trial = judged(packets(*enabling), replace(FAULT, **changes), waited)
+    assert found in ' '.join(trial.findings)
+    assert bool(found) == bool(trial.findings)
 
 
-def test_stop_that_never_comes_is_a_finding_however_long_the_machine_took() -> None:
-    assert 'never' in judged(packets((0.0, 12.0)), waited=5.0).findings[0]
-
-
-def test_machine_takes_a_second_at_most() -> None:
-    sent = packets((0.0, 11.25), (12.1, 20.0))  # it was let go at 11
-    assert 'late' in judged(sent, waited=5.0).findings[0]
-
-
-def test_drive_that_is_enabled_again_before_a_new_press_is_a_finding() -> None:
-    trial = judged(packets((0.0, 10.05), (10.5, 10.52)))
-    assert trial.again == 2
-    assert trial.findings == ['2 packets enable after a stop']
+def test_times_of_a_trial_count_from_the_cause_or_from_letting_go() -> None:
+    assert judged(packets((0.0, 10.05), AGAIN)).stopped == pytest.approx(0.05, abs=PERIOD)
+    trial = judged(packets((0.0, 11.05), AGAIN), replace(FAULT, bound=None))
+    assert trial.stopped is None
+    assert trial.let_go == pytest.approx(0.05, abs=PERIOD)
 
 
 def test_drive_that_hears_nothing_is_judged_by_what_it_heard_last() -> None:
     silent = [packet for packet in packets((0.0, 10.01)) if packet.time < 10.01]
-    fault = replace(FAULT, hears=False, bound=0.02)
-    assert not judged(silent, fault).findings
-    assert judged(packets((0.0, 10.5)), fault).findings
-
-
-def test_fault_that_needs_no_stop_is_judged_by_letting_go() -> None:
-    fault = replace(FAULT, bound=None)
-    trial = judged(packets((0.0, 11.05), (12.1, 20.0)), fault)
-    assert trial.let_go == pytest.approx(0.05, abs=PERIOD)
-    assert trial.stopped is None
-    assert not trial.findings
-    assert 'let go' in judged(packets((0.0, 11.5)), fault).findings[0]
+    assert not judged(silent, replace(FAULT, hears=False, bound=0.02)).findings
 
 
 def test_trial_of_a_seed_is_always_the_same_and_all_kinds_come() -> None:

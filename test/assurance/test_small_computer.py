@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from assurance import small_computer
-from assurance.benchmarks.rig import UnavailableError
 from assurance.small_computer import Quota
 
 # By version: what the kernel has made in the folder, and what is then to be in it.
@@ -39,18 +37,3 @@ def test_share_is_of_one_core_in_slices_and_holds_for_what_is_put_in(
         quota.take([17])
         assert (folder / 'cgroup.procs').read_text() == '17'
         assert quota.throttled() == 1.5
-
-
-def test_what_is_missing_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(UnavailableError, match='no cgroup of processors is mounted'):
-        Quota(0.25, [tmp_path])
-    (tmp_path / 'cgroup.procs').touch()
-    monkeypatch.setattr(Path, 'mkdir', lambda _: (_ for _ in ()).throw(PermissionError('denied')))
-    with pytest.raises(UnavailableError, match='denied: be root'):
-        Quota(0.25, [tmp_path])
-    monkeypatch.setattr(small_computer, 'use_own_domain', lambda **_: None)
-    monkeypatch.setattr(Quota.__init__, '__defaults__', ((),))
-    assert small_computer.main(['--minutes', '0']) == 2
-    assert 'no cgroup' in capsys.readouterr().err

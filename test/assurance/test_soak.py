@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-import json
 import math
 import os
-import re
 import signal
 import time
 
@@ -18,7 +16,7 @@ import pytest
 
 from assurance.benchmarks.rig import children, title
 from assurance.pauses import lost, Pause, Pauses
-from assurance.soak import growth, Held, held_by, moved, Pace, PERIODS, rested, Result
+from assurance.soak import growth, Held, moved, Pace, PERIODS, rested, Result
 from stage.rig import holds_for, wait_for
 
 
@@ -130,20 +128,22 @@ def test_only_what_moves_after_a_stop_is_wrong() -> None:
     ]
 
 
-def test_pace_counts_gaps_within_a_stretch_of_motion_only() -> None:
-    pace = Pace(0.1, 0.2)
+@pytest.mark.parametrize(
+    ('late', 'stretches', 'counts'),
+    [
+        (0.2, [(1.0, 1.1, 1.2), (60.0, 60.1)], (3, 0, 0)),
+        (0.5, [(1.0, 1.3, 1.9)], (2, 2, 1)),
+    ],
+    ids=['between stretches of motion', 'over two periods, and late'],
+)
+def test_gaps_between_frames_are_counted(
+    late: float, stretches: list[tuple[float, ...]], counts: tuple[int, ...]
+) -> None:
+    pace = Pace(0.1, late)
     assert pace.drift == math.inf
-    pace.add((1.0, 1.1, 1.2), no_pause)
-    pace.add((60.0, 60.1), no_pause)
-    assert (pace.gaps, pace.over, pace.late) == (3, 0, 0)
-    assert pace.drift == pytest.approx(0.0)
-
-
-def test_frame_over_two_periods_counts_and_is_late_from_its_limit_on() -> None:
-    pace = Pace(0.1, 0.5)
-    pace.add((1.0, 1.3, 1.9), no_pause)
-    assert (pace.gaps, pace.over, pace.paused, pace.late) == (2, 2, 0, 1)
-    assert pace.longest == pytest.approx(0.6)
+    for times in stretches:
+        pace.add(times, no_pause)
+    assert (pace.gaps, pace.over, pace.late) == counts
 
 
 def test_late_frame_is_the_machines_if_its_pause_is_what_made_it_late() -> None:
@@ -176,48 +176,7 @@ def test_pulse_that_gets_no_time_tells_of_a_pause() -> None:
     assert title(pulse) == ''
 
 
-def test_process_that_holds_its_threads_up_is_a_pause() -> None:
-    held = []
-    with Pauses() as pauses:
-
-        def is_told() -> bool:
-            begin = time.monotonic()
-            re.match('(a+)+b', 'a' * 22)  # holds the interpreter's lock
-            held.append((begin, time.monotonic()))
-            return any(pauses.between(*times) > 0.5 * (times[1] - times[0]) for times in held)
-
-        wait_for(is_told)
-
-
 def test_growth_is_between_first_and_last_and_no_single_peak() -> None:
     samples = [Held(10.0, 2, 5)] * 4 + [Held(90.0, 9, 9)] + [Held(10.5, 2, 6)] * 4
     assert growth(samples) == Held(0.5, 0, 1)
     assert growth(samples[:1]) == Held(0.0, 0, 0)
-
-
-def test_table_and_json_tell_all() -> None:
-    result = good()
-    stop_by_itself(result)
-    text = result.table()
-    for part in (
-        *PERIODS,
-        'the stack',
-        'e-stop',
-        "'fort' stale",
-        '2 stops asked for, 2 false, 0 by pauses',
-    ):
-        assert part in text
-    told = json.loads(json.dumps(result.as_json()))
-    assert told['stops']['e-stop']['n'] == 2
-    assert told['growth']['the stack']['threads'] == 0
-
-
-def test_what_a_process_holds_is_counted() -> None:
-    before = held_by(os.getpid())
-    ends = os.pipe()
-    after = held_by(os.getpid())
-    for each in ends:
-        os.close(each)
-    assert after.descriptors == before.descriptors + 2
-    assert before.threads >= 1
-    assert before.memory > 1.0

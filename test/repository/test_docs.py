@@ -24,7 +24,7 @@ ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
 COMMON_MODULES = ('node', 'stop_topics', 'proof_topics', 'bridge_diagnostics')
 # How the names of what makes an interface begin.
-MAKERS = ('create_', 'publisher', 'stop_input', 'command_input', 'subscribe', 'Command')
+MAKERS = ('create_', 'publisher', 'stop_', 'command_', 'subscribe', 'Command')
 MOST_WORDS = 40  # of a cell
 
 
@@ -74,9 +74,7 @@ def interfaces(source: str) -> dict[str, set[str]]:
         if isinstance(call, ast.Call):
             name = getattr(call.func, 'attr', getattr(call.func, 'id', ''))
             kind = 'service' if name == 'create_service' else 'topic'
-            if name.startswith(
-                ('create_', 'publisher', 'stop_', 'command_', 'subscribe', 'Command')
-            ):
+            if name.startswith(MAKERS):
                 found[kind] |= {each for arg in call.args for each in literal_names(arg)}
     return found
 

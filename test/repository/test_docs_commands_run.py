@@ -49,7 +49,8 @@ APART = {
 INSTEAD = {'/dev/': 'dev/', '/tmp/': '', '192.168.1.10': '127.0.0.1', 'can0': 'no_can0'}
 INSTEAD |= {'proof: required            # of the mux': 'proof: auto'}  # nobody has wired it to one
 INSTEAD |= {'/mnt/office/machine.anchor': 'ANCHOR'}
-UNTIL_TOLD = {*(node.name for node in reference.NODES), 'rugged_teleop_stack', 'simulate'}
+NODES = {node.name for node in reference.NODES}
+UNTIL_TOLD = {*NODES, 'rugged_teleop_stack', 'simulate'}
 UNTIL_TOLD |= {'page', 'record'}
 LONGEST = 60.0  # s, on a machine that is busy
 
@@ -138,8 +139,13 @@ def started(words: list[str], folder: Path) -> Iterator[Run]:
             process.communicate()
 
 
-@pytest.mark.parametrize('most', [1, pytest.param(None, marks=pytest.mark.proof)])
-@pytest.mark.parametrize('name', sorted(typed()))
+@pytest.mark.parametrize(
+    ('name', 'most'),
+    [
+        *((name, 1) for name in sorted(typed()) if name not in NODES),  # which all tests start
+        *(pytest.param(name, None, marks=pytest.mark.proof) for name in sorted(typed())),
+    ],
+)
 def test_commands_of_the_documents_run(name: str, most: int | None, folder: Path) -> None:
     """:param most: of each executable, the plainest first; None: all."""
     with contextlib.ExitStack() as exits:

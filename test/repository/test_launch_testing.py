@@ -13,6 +13,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+import pytest
+
 from stage.rig import ROOT
 
 PLUGINS = {
@@ -42,6 +44,7 @@ def collect(folder: Path, plugins: dict[str, str], *words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.proof  # it collects anew; what it guards is in pyproject.toml alone
 def test_plugins_of_ros_are_left_out(tmp_path: Path) -> None:
     found = collect(tmp_path, PLUGINS, 'test/bridge_core/test_checksums.py')
     assert 'test_checksums.py::' in found

@@ -374,6 +374,7 @@ def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, no
     assert drive.rpm < 1.0
 
 
+@pytest.mark.proof  # the course shows the same
 def test_joint_that_runs_on_without_its_drive_is_no_success(drive: Drive, node: str) -> None:
     """Say a brake that does not hold on a slope: 48 rpm are 5.03 rad/s."""
     drive.apply('slope 48')
@@ -383,7 +384,10 @@ def test_joint_that_runs_on_without_its_drive_is_no_success(drive: Drive, node: 
     assert not drive.enabled
 
 
-@pytest.mark.parametrize(('number', 'status'), [(SIGINT, 130), (SIGKILL, -SIGKILL)])
+@pytest.mark.parametrize(
+    ('number', 'status'),
+    [pytest.param(SIGINT, 130, marks=pytest.mark.proof), (SIGKILL, -SIGKILL)],
+)
 def test_whatever_ends_it_the_drive_is_disabled(
     number: int, status: int, drive: Drive, node: str
 ) -> None:

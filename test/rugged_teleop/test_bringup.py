@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 import json
 from pathlib import Path
@@ -132,36 +132,32 @@ def test_what_would_be_passed_over_is_refused(
 # Wiring.
 
 
+DRIVE = '/robot/front/esi_drive_bridge'
+TWO = ('/safety_mux', '/a/safety_mux')
+
+
 @pytest.mark.parametrize(
-    ('mux', 'command'),
+    ('muxes', 'node', 'heard'),
     [
-        ('/safety_mux', '/safety_mux/command'),
-        ('/robot/safety_mux', '/robot/safety_mux/command'),
-        ('/robot/front/safety_mux', '/robot/front/safety_mux/command'),
+        (('/safety_mux',), DRIVE, '/safety_mux'),
+        (('/robot/safety_mux',), DRIVE, '/robot/safety_mux'),
+        (('/robot/front/safety_mux',), DRIVE, '/robot/front/safety_mux'),
+        (TWO, '/a/ssc_bridge', '/a/safety_mux'),
+        (TWO, '/ab/ssc_bridge', '/safety_mux'),
+        ((), DRIVE, ''),
     ],
 )
-def test_drive_listens_to_the_mux_of_its_namespace_or_above(
-    mux: str, command: str, file: Path, tmp_path: Path
+def test_actuator_listens_to_the_nearest_mux_of_its_namespace_or_above(
+    muxes: Sequence[str], node: str, heard: str, file: Path, tmp_path: Path
 ) -> None:
-    drive = '/robot/front/esi_drive_bridge'
-    write(file, {mux: {}, drive: {}})
-    rules = after(of(processes(file, tmp_path), drive), '-r')
-    assert '__ns:=/robot/front' in rules
-    assert f'~/command:={command}' in rules
-    assert len(rules) == 4
-
-
-def test_nearest_mux_counts(file: Path, tmp_path: Path) -> None:
-    names = ('/safety_mux', '/a/safety_mux', '/a/ssc_bridge', '/ab/ssc_bridge')
-    write(file, {name: {} for name in names})
-    found = processes(file, tmp_path)
-    assert '~/estop_in:=/a/safety_mux/estop' in after(of(found, '/a/ssc_bridge'), '-r')
-    assert '~/estop_in:=/safety_mux/estop' in after(of(found, '/ab/ssc_bridge'), '-r')
-
-
-def test_drive_without_a_mux_keeps_its_own_topics(file: Path, tmp_path: Path) -> None:
-    write(file, {'/**/esi_drive_bridge': {}})
-    assert after(processes(file, tmp_path)[0], '-r') == ['__ns:=/']
+    write(file, {name: {} for name in (*muxes, node)})
+    space, *rules = after(of(processes(file, tmp_path), node), '-r')
+    assert space == f'__ns:={node.rpartition("/")[0]}'
+    told = dict(rule.split(':=') for rule in rules)
+    assert {topic.rpartition('/')[0] for topic in told.values()} == {heard} - {''}
+    if node == DRIVE and heard:
+        assert told['~/command'] == f'{heard}/command'
+        assert len(told) == 3
 
 
 # What is given beside the file.

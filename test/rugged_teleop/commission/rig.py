@@ -21,6 +21,7 @@ from rugged_teleop.commission import engine, running as heard, steps_actuators
 from rugged_teleop.commission.daily import daily_steps
 from rugged_teleop.commission.engine import Engine
 from rugged_teleop.commission.faces import Player
+from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
 from rugged_teleop.commission.main import read_machine
 from rugged_teleop.commission.running import Running
@@ -151,6 +152,14 @@ class Trial:
             if is_so or not delay.exceeds(HELD_UP):
                 break
         return record
+
+
+def heard_as(*values: tuple[str, float, Any]) -> History:
+    """Return what is heard on paper: channel, moment, value."""
+    history = History()
+    for channel, at, value in values:
+        history.add(channel, at, value)
+    return history
 
 
 def _impatient(step: Step, expected: str) -> Step:

@@ -26,7 +26,7 @@ VSC = '/fort_vsc_bridge'
 # From 1.6 rad/s the joints turn 0.75 rad for each of PATIENCE, by which the limit, 1 rad, is
 # multiplied; with half of the torque 1.5.
 LOAD = ('inertia * 0.01', 'friction * 0', 'winding * 0')
-SOUND = (*LOAD, f'brake * {0.17 / PATIENCE} 0')
+FULL = (*LOAD, f'brake * {0.17 / PATIENCE} 0')
 HALF = (*LOAD, f'brake * {0.085 / PATIENCE} 0')
 LATE = (*LOAD, f'brake * 1 {0.8 * PATIENCE}')
 DELIVERED = ('inertia * 0.002', 'friction * 0.0005', 'winding * 0.0245', 'brake * 0 0')
@@ -155,12 +155,21 @@ FAULTS = {
     'scale of two': Fault(
         'joint.left', 'times as far as it says', wheels=(('left', 'left', 2.0),)
     ),
+    'node of a drive whose death is not noticed': Fault(
+        'motion.drive.killed', 'expected: the mux STOPPED', dead=('kill',)
+    ),
+    'drive that starts again by itself': Fault(
+        'motion.drive.cable',
+        'the drive starts again by itself',
+        instead=(('plug', 'plug; stuck * on'),),
+        mended=(f'{DRIVE} stuck * off',),
+    ),
 }
+SOUND = {'motion.drive.wire', 'motion.drive.mux_killed', 'motion.fort.killed'}
 
 KEPT = (
-    *('dead e-stop button on the remote', 'stuck deadman', 'receiver that holds', 'scale of two'),
+    *('dead e-stop button on the remote', 'stuck deadman', 'receiver that holds'),
     *('brake at half torque', 'drive that goes on when its commands end', 'exchanged wheels'),
-    'limit left at its default',
 )
 
 
@@ -179,17 +188,28 @@ def test_planted_fault_is_named(machine: Trial, name: str) -> None:
 
 @pytest.mark.parametrize(
     'step',
-    mostly_proof(sorted({(fault.step,) for fault in FAULTS.values()}), 'motion.fort.remote'),
+    mostly_proof(
+        [(step,) for step in sorted(SOUND | {fault.step for fault in FAULTS.values()})],
+        'motion.drive.mux_killed',
+    ),
 )
 def test_same_step_passes_without_fault(machine: Trial, step: str) -> None:
     machine.passes(step)
 
 
 def test_brake_of_full_torque_passes(machine: Trial) -> None:
-    machine.apply(_drive(*SOUND))
+    machine.apply(_drive(*FULL))
     record = machine.run('motion.fort.remote')
     machine.apply(_drive(*DELIVERED))
     assert record.result is Result.PASSED, record
+
+
+@pytest.mark.proof
+def test_what_the_drive_does_without_us_is_a_fact(machine: Trial) -> None:
+    facts = machine.passes('motion.drive.cable').facts
+    assert 0.3 < float(facts[f'{DRIVE}: goes on without commands (s)']) < 3.0
+    assert facts[f'{DRIVE}: starts again by itself'] is False
+    assert facts[f'{DRIVE}: keeps its error until it is cleared'] is False
 
 
 def test_stop_is_measured_and_recorded(machine: Trial) -> None:

@@ -60,16 +60,17 @@ def written(tmp_path: Path) -> Path:
 
 def test_folder_has_the_recording_and_the_moments_of_the_stop(written: Path) -> None:
     report = folder.verify(written)
+    assert (report['verdict'], report['stopping']) == (
+        *('passed with exceptions', {'left': [MOVED.stopping['left']]}),
+    )
     assert folder.records_of(report) == {'motion.a': MOVED, 'motion.b': SKIPPED}
     assert {path.name for path in written.iterdir()} == {
         *('report.json', 'report.html', 'parameters.yaml', 'manifest.json', 'motion.a.mcap')
     }
     page = (written / 'report.html').read_text()
     for words in (
-        'cause 0.50 s',
-        'standstill 0.90 s',
-        'motion.a.mcap',
-        'it brakes &lt;at once&gt;',
+        *('cause 0.50 s', 'standstill 0.90 s', 'motion.a.mcap', 'it brakes &lt;at once&gt;'),
+        *('<svg', 'x &amp; &lt;y&gt;'),
     ):
         assert words in page
 

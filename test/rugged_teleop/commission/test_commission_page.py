@@ -22,11 +22,9 @@ import pytest
 
 from bridge_core import clock
 from rugged_teleop.commission.browser import Browser as Face
-from rugged_teleop.commission.engine import Benched, Engine, LeftError
-from rugged_teleop.commission.history import History
+from rugged_teleop.commission.engine import Engine, LeftError
 from rugged_teleop.commission.step import (
     Act,
-    Command,
     Measured,
     Phase,
     Question,
@@ -40,6 +38,7 @@ from rugged_teleop.status_page.access import Access
 from rugged_teleop.status_page.server import Server
 from stage.page_rig import TOKEN
 from stage.rig import ROOT, wait_for
+from test.rugged_teleop.commission.test_commission import Paper
 from test.rugged_teleop.status_page.chromium import Browser
 from test.rugged_teleop.status_page.test_status_page_browser import PALE
 
@@ -97,31 +96,14 @@ DEADMAN = Step(
 )
 
 
-class Machine:
-    """One that is silent but for what a test says."""
+class Machine(Paper):
+    """One that is silent but for what a test says, in true time."""
 
-    def __init__(self) -> None:
-        self.history = History()
-
-    now = staticmethod(clock.now)
+    def now(self) -> float:
+        return clock.now()
 
     def spin(self, seconds: float) -> None:
         time.sleep(seconds)
-
-    def reset(self) -> tuple[bool, str]:
-        return True, ''
-
-    def bench(self, node: str, joint: str) -> Benched:
-        return Benched('')
-
-    def keep(self, step: str, since: float) -> str:
-        return ''
-
-    def command(self, command: Command | None) -> bool:
-        return True
-
-    def pid_of(self, node: str, process: str) -> int:
-        return 0
 
 
 class Trial:
@@ -283,14 +265,6 @@ def seen(browser: Browser, trial: Trial, monkeypatch: pytest.MonkeyPatch) -> Ite
     assert browser.problems == []
 
 
-def says(browser: Browser, selector: str, text: str) -> None:
-    browser.wait(
-        f'((each) => each?.checkVisibility() && each.innerText.includes({text!r}))'
-        f'(document.querySelector({selector!r}))',
-        f'{text!r} in {selector}',
-    )
-
-
 def push(browser: Browser, label: str, text: str = '') -> None:
     """Write a text, and push a button."""
     button = f'[...document.querySelectorAll("button")].find((b) => b.innerText === {label!r})'
@@ -305,38 +279,38 @@ def fits(browser: Browser) -> None:
 
 @pytest.mark.parametrize('trial', [(FINDING, PRESS, TURNS)], indirect=True)
 def test_person_is_led_through_a_trial_on_a_phone(seen: Browser, trial: Trial) -> None:
-    says(seen, '#title', 'The configuration is sound')
+    seen.says('#title', 'The configuration is sound')
     push(seen, 'Begin')
-    says(seen, '#problems', 'no e-stop')
+    seen.says('#problems', 'no e-stop')
     fits(seen)
     push(seen, 'Answer', 'a trial run')
-    says(seen, '#records', 'a trial run')
-    says(seen, '#place', 'Step 2 of 3: stop.fort.remote')
+    seen.says('#records', 'a trial run')
+    seen.says('#place', 'Step 2 of 3: stop.fort.remote')
     push(seen, 'Begin')
-    says(seen, '#todo', 'Press the e-stop of the remote')
-    says(seen, '#expected', 'e-stop source fort, and the mux STOPPED')
-    says(seen, '#seen', 'the mux is not heard')
+    seen.says('#todo', 'Press the e-stop of the remote')
+    seen.says('#expected', 'e-stop source fort, and the mux STOPPED')
+    seen.says('#seen', 'the mux is not heard')
     fits(seen)
     push(seen, 'Done')
-    says(seen, '#expected', 'It failed.')
+    seen.says('#expected', 'It failed.')
     fits(seen)
     push(seen, 'Repeat')
     push(seen, 'Begin')
-    says(seen, '#todo', 'Press')
+    seen.says('#todo', 'Press')
     trial.machine.history.add('estop fort', clock.now(), True)
-    says(seen, '#moves', 'Something may move')
-    says(seen, '#todo', 'Release the e-stop of the remote')
+    seen.says('#moves', 'Something may move')
+    seen.says('#todo', 'Release the e-stop of the remote')
     assert 'Press' not in seen.text('#todo')
     push(seen, 'Begin')
-    says(seen, '#question', 'Which joint turned?')
+    seen.says('#question', 'Which joint turned?')
     fits(seen)
     push(seen, 'left')
-    says(seen, '#question', 'How many turns')
+    seen.says('#question', 'How many turns')
     push(seen, 'Answer', 'two')
-    says(seen, '#answer', 'the answer has to be a number')
+    seen.says('#answer', 'the answer has to be a number')
     push(seen, 'Answer', '2.5')
-    says(seen, '#title', 'The end')
-    says(seen, '#expected', 'acme-7: passed')
+    seen.says('#title', 'The end')
+    seen.says('#expected', 'acme-7: passed')
     results = [each.result for each in trial.records]
     assert results == [Result.ACCEPTED, Result.PASSED, Result.PASSED]
     assert trial.records[2].answers == {'which': 'left', 'turns': '2.5'}
@@ -345,28 +319,28 @@ def test_person_is_led_through_a_trial_on_a_phone(seen: Browser, trial: Trial) -
 
 def test_page_that_is_closed_leaves_the_trial_where_it_was(seen: Browser, trial: Trial) -> None:
     push(seen, 'Begin')
-    says(seen, '#todo', 'Press')
+    seen.says('#todo', 'Press')
     number = trial.until('look')
     seen.load('about:blank')
     wait_for(lambda: trial.server.browsers == 0, what='nobody who looks')
     assert trial.asked == (number, 'look')
     seen.load(f'http://127.0.0.1:{trial.port}/#{TOKEN}')
-    says(seen, '#todo', 'Press')
+    seen.says('#todo', 'Press')
     trial.face.take(trial.face._hand, number, 'leave', '')
     wait_for(lambda: trial.left, what='the end')
     trial.server.close()
-    says(seen, '#lost', 'Connection lost')
+    seen.says('#lost', 'Connection lost')
     seen.problems.clear()  # the browser itself complains of a refused connection
 
 
 def test_other_browser_watches_until_it_takes_over(seen: Browser, trial: Trial) -> None:
     trial.answer(hand='another', number=trial.until('begin'), kind='run')
-    says(seen, '#watching', 'Another browser acts.')
+    seen.says('#watching', 'Another browser acts.')
     assert not seen.evaluate('document.querySelector("#form").checkVisibility()')
     fits(seen)
     push(seen, 'Take over')
     push(seen, 'Skip', 'no remote')
-    says(seen, '#records', 'no remote')
+    seen.says('#records', 'no remote')
     assert trial.records[0].result is Result.SKIPPED
 
 
@@ -381,7 +355,7 @@ def _asks_on(trial: Trial, number: int) -> bool:
     indirect=['trial'],
 )
 def test_pictures_of_the_trial(seen: Browser, trial: Trial, name: str) -> None:
-    says(seen, '#buttons', 'Begin')
+    seen.says('#buttons', 'Begin')
     hand = seen.evaluate('sessionStorage.getItem("hand")')
     for state in ('begin', *(['accept'] if name == 'commission_step' else ['begin']), 'begin'):
         kind, text = ('run', '') if state == 'begin' else ('answer', 'the wired one is to come')
@@ -391,9 +365,9 @@ def test_pictures_of_the_trial(seen: Browser, trial: Trial, name: str) -> None:
     trial.until('look')
     for channel, value in (('state', 'READY'), ('joy fort', ([0.0, 0.0], [0]))):
         trial.machine.history.add(channel, clock.now(), value)
-    says(seen, '#todo', 'Press')
-    says(seen, '#seen', 'the mux is READY')
-    says(seen, '#buttons', 'Done')
+    seen.says('#todo', 'Press')
+    seen.says('#seen', 'the mux is READY')
+    seen.says('#buttons', 'Done')
     path = ROOT / 'docs' / 'images' / f'{name}.webp'
     seen.picture(path)
     assert path.stat().st_size < 25_000

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import json
 from pathlib import Path
 from typing import Any
@@ -130,11 +129,7 @@ def test_folder_of_another_trial_is_refused_and_left_as_it_is(
 
 # A running mux
 
-
-@pytest.fixture(scope='module')
-def observer() -> Iterator[Observer]:
-    with Observer() as made:
-        yield made
+CHANGED = 'not validated: joint.left.max was 10.0, is 12.0'
 
 
 def _mux(folder: Path, left: float, **given: Any) -> NodeProcess:
@@ -145,45 +140,27 @@ def _mux(folder: Path, left: float, **given: Any) -> NodeProcess:
     return NodeProcess('safety_mux.node', given, arguments=('--params-file', str(file)))
 
 
-@pytest.mark.parametrize(
-    ('left', 'name', 'says'),
-    [
-        (10.0, 'report.json', 'commissioned on x & <y> by x & <y>: passed'),
-        (12.0, 'report.json', 'not validated: joint.left.max was 10.0, is 12.0'),
-        (10.0, 'none.json', 'none.json is no report: No such file'),
-    ],
-)
-def test_running_mux_says_whether_it_was_tried(
-    observer: Observer, report: dict[str, Any], tmp_path: Path, left: float, name: str, says: str
+def test_running_mux_says_that_it_was_not_tried_as_it_is(
+    observer: Observer, report: dict[str, Any], tmp_path: Path
 ) -> None:
+    """What else it says of a report: test_commission.py."""
     folder.write(tmp_path, report, b'')
     status = observer.record(DiagnosticStatus, '/safety_mux/status', latched())
-    with _mux(tmp_path, left, report=str(tmp_path / name)):
+    with _mux(tmp_path, 12.0, report=str(tmp_path / folder.REPORT)):
 
         def said() -> str:
             values = status.last.values if status.last else []
             return next((str(v.value) for v in values if v.key == 'commissioning'), '')
 
-        observer.wait_for(lambda: says in said(), what=said)
-        assert ('not validated' in status.last.message) is (not says.startswith('com'))
+        observer.wait_for(lambda: CHANGED in said(), what=said)
+        assert CHANGED in status.last.message
 
 
-@pytest.mark.parametrize(
-    ('content', 'says'),
-    [
-        (None, 'joint.left.max was 10.0, is 12.0'),
-        ('{', 'is no report: Expecting property name'),
-        ('[]', 'is no report: list indices'),
-        ('{}', "is no report: it has no 'date'"),
-    ],
-)
 def test_mux_that_needs_a_trial_refuses_to_start_without(
-    report: dict[str, Any], tmp_path: Path, content: str | None, says: str
+    report: dict[str, Any], tmp_path: Path
 ) -> None:
     folder.write(tmp_path, report, b'')
-    if content is not None:
-        (tmp_path / folder.REPORT).write_text(content)
     with _mux(tmp_path, 12.0, report=str(tmp_path / folder.REPORT), required=True) as mux:
         assert mux.wait() == 2
-        assert says in mux.output
+        assert CHANGED in mux.output
         assert len(mux.output.strip().splitlines()) == 1

@@ -52,7 +52,7 @@ STEPS = sorted(
     {(node, fault.step) for node, faults in FAULTS.items() for fault in faults.values()}
 )
 KEPT = (
-    *('Master Enable relay that welds', 'second computer that is late', 'link.age'),
+    *('second computer that is late', 'link.age'),
     *('VM-110 that holds what it heard last', 'motion.vm110.off'),
 )
 

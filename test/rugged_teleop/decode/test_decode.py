@@ -276,9 +276,12 @@ def test_standard_input_is_read() -> None:
     assert done.stdout.count('heartbeat') == 3
 
 
-@pytest.mark.parametrize('kind', ['blf', 'db', 'mcap'])
-@pytest.mark.parametrize('piped', [True, False])
-def test_standard_input_may_be_a_binary_file(kind: str, piped: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('kind', 'piped'), [('blf', True), ('db', True), ('mcap', True), ('mcap', False)]
+)
+def test_standard_input_may_be_a_binary_file(
+    kind: str, piped: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / f'a.{kind}'
     if kind == 'mcap':
         path = ROOT / 'test' / 'recordings' / 'pressed_estop.mcap'
@@ -290,12 +293,13 @@ def test_standard_input_may_be_a_binary_file(kind: str, piped: bool, tmp_path: P
     folder.mkdir()
     command = [sys.executable, '-m', 'rugged_teleop', 'decode', '--as', 'csv']
     options: dict[str, Any] = {'cwd': folder, 'capture_output': True}
-    by_name = subprocess.run([*command, str(path)], **options)
+    by_name = Outcome(capsys, '--as', 'csv', path)
     with path.open('rb') as file:
         source: dict[str, Any] = {'input': file.read()} if piped else {'stdin': file}
         done = subprocess.run([*command, '-'], **source, **options)
-    assert done.returncode == by_name.returncode == 0, done.stderr
-    assert done.stdout.replace(b'standard input', bytes(path)) == by_name.stdout
+    assert done.returncode == by_name.status == 0, done.stderr
+    printed = done.stdout.decode().replace('\r\n', '\n')
+    assert printed.replace('standard input', str(path)) == by_name.out.replace('\r\n', '\n')
     assert [*folder.iterdir()] == []
 
 
@@ -312,18 +316,3 @@ def test_copy_that_finds_no_room_is_not_the_fault_of_the_output(
     monkeypatch.setattr(captures, 'NamedTemporaryFile', full)
     with pytest.raises(ValueError, match='is not copied to /dev/full: No space left'):
         captures._copy(io.BytesIO(bytes(100))).__enter__()
-
-
-def test_reader_that_has_seen_enough_is_no_error(path: Path) -> None:
-    path.write_bytes(FORT[0] * 20000)
-    command = [sys.executable, '-m', 'rugged_teleop', 'decode', str(path)]
-    with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        assert process.stdout.readline().startswith(b'# ')
-        process.stdout.close()
-        error = process.stderr.read()
-        assert process.wait(30.0) == 0
-    assert error == b''

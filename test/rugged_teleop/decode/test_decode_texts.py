@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import io
 from itertools import islice
 from pathlib import Path
 import re
@@ -42,7 +41,6 @@ def write(path: Path, text: str) -> Path:
     [
         '100120060900000000004009',
         '10 01 20 06 09 00 00 00 00 00 40 09',
-        '0x10, 0x01, 0x20, 0x06, 0x09, 0, 0',
         '{0x10,0x01,0x20,0x06,0x09,0x00,0x00,0x00,0x00,0x00,0x40,0x09}',
         r'\x10\x01\x20\x06\x09\x00\x00\x00\x00\x00\x40\x09',
         '10:01:20:06:09:00:00:00:00:00:40:09',
@@ -53,17 +51,15 @@ def write(path: Path, text: str) -> Path:
     ],
 )
 def test_hex_is_read_in_every_usual_notation(line: str) -> None:
-    if ', 0, 0' in line:
-        with pytest.raises(ValueError, match='not hex'):  # single digits: which half is missing?
-            HexListing().read(line)
-    else:
-        assert HexListing().read(line) == HEARTBEAT
+    assert HexListing().read(line) == HEARTBEAT
 
 
-def test_characters_that_look_like_hex_are_none() -> None:
+def test_what_only_looks_like_hex_is_none() -> None:
     # xxd repeats the bytes as characters: here a, b, space, 1, 2.
     line = '00000000: 6162 2031 32                             ab 12'
     assert HexListing().read(line) == b'ab 12'
+    with pytest.raises(ValueError, match='not hex'):  # single digits: which half is missing?
+        HexListing().read('0x10, 0x01, 0x20, 0x06, 0x09, 0, 0')
 
 
 def test_hexdump_ends_with_an_address_that_is_no_data(tmp_path: Path) -> None:
@@ -94,9 +90,9 @@ def test_lines_that_hexdump_leaves_out_are_damage(tmp_path: Path) -> None:
 def test_one_endless_line_of_hex_is_read(tmp_path: Path) -> None:
     for separator in ('', ' '):
         path = write(tmp_path / 'a.txt', HEARTBEAT.hex(separator or ' ').replace(' ', separator))
-        text = (path.read_text() + separator) * 8000
+        text = (path.read_text() + separator) * 3000
         entries = decoded(write(path, text))
-        assert [entry.data for entry in entries] == [HEARTBEAT] * 8000
+        assert [entry.data for entry in entries] == [HEARTBEAT] * 3000
 
 
 # candump.
@@ -266,7 +262,7 @@ def is_frame(kind: str, line: str) -> bool:
 
 
 def test_cut_blf_gives_what_is_whole_and_says_so(tmp_path: Path) -> None:
-    path = write_log(tmp_path / 'capture', 'blf', 5000)
+    path = write_log(tmp_path / 'capture', 'blf', 1000)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] + b'XXXX' * 10)
     entries = decoded(path)
@@ -316,11 +312,6 @@ def test_no_text_makes_it_fail(kind: str, tmp_path: Path, data: st.DataObject) -
         assert 0 <= entry.offset <= len(whole)
         statistics.note(entry)
     assert list(statistics.lines())
-
-
-def test_lines_are_a_file_to_python_can_before_4_6() -> None:
-    lines = logs._Lines(io.BytesIO())
-    assert all(hasattr(lines, name) for name in ('read', 'write'))
 
 
 def test_reader_that_fails_before_the_first_line_is_damage(

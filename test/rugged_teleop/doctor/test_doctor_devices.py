@@ -20,10 +20,10 @@ import pytest
 
 from esi_drive_bridge.simulator import Simulator as Drive
 from fort_vsc_bridge.simulator import HidSimulator as HidVsc, Simulator as Vsc
+from rugged_teleop.doctor import main as command
 from rugged_teleop.doctor.configuration import configured
 from rugged_teleop.doctor.findings import CATALOGUE, Finding, Level
 from rugged_teleop.doctor.listening import Heard, listen, SerialEar
-from rugged_teleop.doctor.main import main
 from rugged_teleop.doctor.ports import User
 from rugged_teleop.doctor.serial_lines import hear, Line, line_findings, unknown_port
 from rugged_teleop.ports import Device
@@ -48,6 +48,12 @@ FORT = b''.join(STREAMS['fort_serial'])
 HID: dict[str, Any] = {'transport': 'hid', 'hid.devices': ['none']}
 
 
+@pytest.fixture(autouse=True)
+def _no_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the graph to test_doctor_graph.py: a process of its own looks at it, for seconds."""
+    monkeypatch.setattr(command, 'look_apart', lambda *_: [])
+
+
 def heard(
     folder: Path,
     device: Device,
@@ -60,8 +66,7 @@ def heard(
     """Return what is found on the port of a simulated device, once this is among it."""
     path = folder / 'port'
     with PtyDevice(device, path) as port:
-        for command in commands:
-            port.apply(command)
+        port.apply(*commands)
         configuration = node(folder, name, port=str(path), **values)
         found = found_by(lambda: line_findings([hear(configuration, SECONDS)]), kind, text)
         assert port.received() == []
@@ -164,7 +169,7 @@ def test_list_says_that_it_has_sent(tmp_path: Path, capsys: pytest.CaptureFixtur
     with PtyDevice(Drive(), tmp_path / 'port') as port:
         file = parameter_file(tmp_path, esi_drive_bridge={'port': str(port.path)})
         with pytest.raises(SystemExit):
-            main(['--params-file', str(file), '--seconds', '0.3', '--probe'])
+            command.main(['--params-file', str(file), '--seconds', '0.3', '--probe'])
         assert port.received()
     assert 'devices were sent' in capsys.readouterr().out.splitlines()[-1]
 
@@ -258,15 +263,15 @@ def test_wrong_byte_count_of_an_ssc_is_found(tmp_path: Path) -> None:
     assert 'payload +2' in found.text
 
 
-@pytest.mark.parametrize('offset', [2, 4, 6, -1])
-def test_byte_count_that_counts_more_is_told_by_the_sums(offset: int) -> None:
-    assert count_offset(counted(offset) * 3) == offset
-
-
-def test_good_byte_count_is_none() -> None:
-    assert count_offset(b''.join(STREAMS['ssc'])) == 0
-    assert count_offset(counted(0)) == 0
-    assert count_offset(b'\x81\xa1' * 50) == 0
+@pytest.mark.parametrize(
+    ('heard_there', 'offset'),
+    [
+        *((counted(offset) * 3, offset) for offset in (2, 4, 6, -1, 0)),
+        *((data, 0) for data in (b''.join(STREAMS['ssc']), b'\x81\xa1' * 50)),
+    ],
+)
+def test_byte_count_that_counts_more_is_told_by_the_sums(heard_there: bytes, offset: int) -> None:
+    assert count_offset(heard_there) == offset
 
 
 def test_locked_port_is_left_alone(tmp_path: Path) -> None:

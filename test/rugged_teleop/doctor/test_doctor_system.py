@@ -12,7 +12,6 @@ from rugged_teleop.doctor.system import (
     Computer,
     computer_findings,
     environment_findings,
-    this_computer,
 )
 from test.rugged_teleop.doctor.doctor_rig import kinds
 
@@ -62,10 +61,3 @@ def test_environment(name: str, value: str, found: list[str]) -> None:
 def test_localhost_only_overrides_the_range() -> None:
     both = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'ROS_LOCALHOST_ONLY': '1'}
     assert kinds(list(environment_findings(both))) == ['localhost only', 'environment']
-
-
-def test_this_computer_can_be_looked_at() -> None:
-    computer = this_computer()
-    assert computer.slept >= 0.0
-    assert computer.synchronised in (True, False, None)
-    assert computer.environment

@@ -59,13 +59,6 @@ def heard(at: float, size: int = 8) -> Heard:
 # The ring.
 
 
-def test_ring_forgets_what_is_too_old() -> None:
-    ring = Ring(60.0, 1_000_000)
-    for second in range(100):
-        ring.add(heard(float(second)))
-    assert [message.at for message in ring.messages()] == [float(s) for s in range(39, 100)]
-
-
 def test_newest_of_a_latched_topic_is_kept_however_old() -> None:
     ring, channel = Ring(60.0, 1_000_000), BOOL._replace(topic='/drive/link_up', latched=True)
     for second in (0.0, 1.0):
@@ -524,30 +517,13 @@ def test_status_says_what_is_wrong_with_the_ledger_or_the_brakes() -> None:
     assert [each.code for each in reasons] == ['recorder.ledger.failed', 'recorder.ledger.lost']
 
 
-NO = 'import sys; sys.modules["mcap.'
-
-
-@pytest.mark.parametrize(
-    ('setup', 'arguments', 'error'),
-    [
-        (f'{NO}writer"] = None', (), 'the recorder needs pip install mcap mcap-ros2-support'),
-        (f'{NO}writer"] = None', ('--help',), 'the recorder needs pip install mcap'),
-        ('', ('-p', 'period:=100.0'), 'period must not be above seconds'),
-    ],
-    ids=['no mcap', 'help without mcap', 'period'],
-)
-def test_recorder_that_cannot_work_is_one_line_and_status_2(
-    setup: str, arguments: tuple[str, ...], error: str
-) -> None:
+def test_recorder_without_mcap_is_one_line_and_status_2_even_for_its_help() -> None:
     own_domain()
-    source = f'{setup}\nfrom rugged_teleop.__main__ import main\n'
-    source += "import sys; main(['record', *sys.argv[1:]])"
-    if '--help' in arguments:
-        source = f'{setup}\nfrom rugged_teleop.recorder.node import main\n'
-        source += 'sys.argv[1:] = ["--help"]; main()'
-    with NodeProcess(source=source, arguments=arguments) as node:
+    source = 'import sys; sys.modules["mcap.writer"] = None; sys.argv[1:] = ["--help"]\n'
+    source += 'from rugged_teleop.recorder.node import main; main()'
+    with NodeProcess(source=source) as node:
         assert node.wait() == 2
-        assert error in node.output
+        assert 'the recorder needs pip install mcap' in node.output
         assert node.output.count('\n') == 1
 
 

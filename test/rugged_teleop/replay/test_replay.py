@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 import importlib
-import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +21,6 @@ from rugged_teleop.recordings import Said
 from rugged_teleop.replay.main import main
 from rugged_teleop.replay.mux import MuxReplay
 from rugged_teleop.replay.sessions import replay_session
-from rugged_teleop.replay.track import Track
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimiter
 from safety_mux.protocol import State
@@ -131,14 +129,6 @@ def test_stop_that_is_ignored_is_told_with_both_states_and_why(
     assert found.replayed.startswith('ACTIVE (')
 
 
-def test_reset_is_taken_from_the_log(recordings: dict[str, Loaded]) -> None:
-    recording = recordings['pressed_estop']
-    silent = [s for s in recording.said if not getattr(s.message, 'msg', '').startswith('~/reset')]
-    found = [each for each in of_mux(recording, silent).run().found if each.what == 'state']
-    assert found[0].recorded == 'READY (it was reset)'
-    assert found[0].replayed.startswith('STOPPED')
-
-
 def test_tolerance_is_in_time(
     recordings: dict[str, Loaded], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,14 +141,6 @@ def test_tolerance_is_in_time(
     given = recording.parameters[MUX]
     assert {each.what for each in MuxReplay(MUX, late, given).run().found} == {'e-stop'}
     assert not MuxReplay(MUX, late, given, 0.08).run().found
-
-
-def test_value_is_held_from_its_first_point_to_the_next_other_one() -> None:
-    track = Track()
-    for at, value in ((1.0, 'a'), (2.0, 'b'), (2.5, 'b'), (3.0, 'c')):
-        track.add(at, value)
-    assert track.held(2.1) == track.held(2.9) == 1.0
-    assert track.held(1.5) == track.held(9.0) == math.inf
 
 
 def test_state_that_is_shorter_than_the_tolerance_is_no_difference(

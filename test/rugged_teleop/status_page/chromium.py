@@ -134,6 +134,14 @@ class Browser:
             lambda: f'{what}; the page says: {self.text("body")[:600]}; {self.problems}',
         )
 
+    def says(self, selector: str, text: str) -> None:
+        """Wait until an element that is seen has this text."""
+        self.wait(
+            f'((each) => each?.checkVisibility() && each.innerText.includes({text!r}))'
+            f'(document.querySelector({selector!r}))',
+            f'{text!r} in {selector}',
+        )
+
     def press(self, key: str) -> None:
         """Press a key, such as Tab or Enter."""
         codes = {'Tab': 9, 'Enter': 13, 'Escape': 27}

@@ -84,40 +84,32 @@ def card(name: str) -> str:
     return f'[data-key="{name}"]'
 
 
-def says(browser: Browser, selector: str, text: str) -> None:
-    browser.wait(
-        f'((each) => each?.checkVisibility() && each.innerText.includes({text!r}))'
-        f'(document.querySelector({selector!r}))',
-        f'{text!r} in {selector}',
-    )
-
-
 def test_page_shows_state_owner_reasons_and_remedies(browser: Browser, machine: Machine) -> None:
-    says(browser, '#banners', 'No motion is let through.')
-    says(browser, '#now', 'Acknowledge on the remote')
+    browser.says('#banners', 'No motion is let through.')
+    browser.says('#now', 'Acknowledge on the remote')
     assert not is_seen(browser, '#inhibits')
     browser.evaluate('document.querySelector("#rest").open = true')
-    says(browser, '#inhibits', 'waiting for reset: call ~/reset')
+    browser.says('#inhibits', 'waiting for reset: call ~/reset')
     machine.status = ACTIVE
     shows(browser, 'Active')
-    says(browser, '#banners', 'fort has control. The machine may move.')
-    says(browser, card(FORT), 'has control')
-    says(browser, '#events', "operator 'fort' takes control")
-    says(browser, '#alert', 'Active. fort has control.')
+    browser.says('#banners', 'fort has control. The machine may move.')
+    browser.says(card(FORT), 'has control')
+    browser.says('#events', "operator 'fort' takes control")
+    browser.says('#alert', 'Active. fort has control.')
     zone = '/^\\d\\d:\\d\\d:\\d\\d \\S+$/.test(document.querySelector("#events time").innerText)'
     browser.wait(zone, 'a time with its zone')
     fort = "e-stop source 'fort'"
     machine.status = ACTIVE | {f'condition of {fort}': 'old', f'proven age of {fort} (s)': '0.634'}
     machine.status['from button to wire, at most (s)'] = '0.912'
-    says(browser, '.sources', 'old (up to 634 ms old)')
-    says(browser, '.ages', 'from button to wire: at most 912 ms')
+    browser.says('.sources', 'old (up to 634 ms old)')
+    browser.says('.ages', 'from button to wire: at most 912 ms')
     machine.status['from button to wire, at most (s)'] = 'unknown'
-    says(browser, '.ages', 'at most unknown')
+    browser.says('.ages', 'at most unknown')
 
 
 def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:
     machine.axes = [0.0, 0.62, 0.0, 0.0]
-    says(browser, f'#charts {card(f"axis|{FORT}")}', 'axis 1 0.62')
+    browser.says(f'#charts {card(f"axis|{FORT}")}', 'axis 1 0.62')
     browser.wait(
         """[...document.querySelectorAll('canvas')].every((canvas) => canvas.getContext('2d')
           .getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value))""",
@@ -128,10 +120,10 @@ def test_stick_is_shown_and_drawn(browser: Browser, machine: Machine) -> None:
 def test_memory_and_brakes_are_shown(browser: Browser, machine: Machine) -> None:
     assert not is_seen(browser, '#memory')
     machine.ledger = LEDGER
-    says(browser, '#memory', 'last seen to work: fort 3 h ago, deadman of fort never')
-    says(browser, '#memory', WORN)
-    says(browser, f'#stops {card("left")}', '0.62 s from 10.0 rad/s, commissioned 0.41')
-    says(browser, f'#stops {card("right")}', '0.37 s from 9.0 rad/s')
+    browser.says('#memory', 'last seen to work: fort 3 h ago, deadman of fort never')
+    browser.says('#memory', WORN)
+    browser.says(f'#stops {card("left")}', '0.62 s from 10.0 rad/s, commissioned 0.41')
+    browser.says(f'#stops {card("right")}', '0.37 s from 9.0 rad/s')
     bars = '[...document.querySelectorAll("#stops svg")].map((plot) => plot.children.length)'
     assert browser.evaluate(bars) == [42, 5]
     browser.show(*PHONE)
@@ -142,34 +134,34 @@ def test_memory_and_brakes_are_shown(browser: Browser, machine: Machine) -> None
 def test_recordings_are_listed_with_their_sizes(browser: Browser, machine: Machine) -> None:
     assert not is_seen(browser, '#recordings')
     machine.recordings = [{'name': 'trip.mcap', 'size': 1_234_567}]
-    says(browser, '#recordings', 'trip.mcap 1.2 MB')
+    browser.says('#recordings', 'trip.mcap 1.2 MB')
 
 
 def test_stop_is_shown_in_words_and_told(browser: Browser, machine: Machine) -> None:
     machine.estops[UNIT] = True
-    says(browser, card(UNIT), 'e-stop demands a stop')
-    says(browser, card(UNIT), 'release the stop button of the remote')
-    says(browser, '#events', 'VM-110 demands a stop')
-    says(browser, '#alert', 'VM-110: e-stop demands a stop.')
+    browser.says(card(UNIT), 'e-stop demands a stop')
+    browser.says(card(UNIT), 'release the stop button of the remote')
+    browser.says('#events', 'VM-110 demands a stop')
+    browser.says('#alert', 'VM-110: e-stop demands a stop.')
 
 
 def test_node_that_restarts_is_silent_meanwhile(browser: Browser, machine: Machine) -> None:
-    says(browser, card(FORT), 'e-stop clear')
+    browser.says(card(FORT), 'e-stop clear')
     machine.silent = {FORT, MUX}
-    says(browser, card(FORT), 'e-stop silent')
-    says(browser, card(FORT), 'link not heard')
+    browser.says(card(FORT), 'e-stop silent')
+    browser.says(card(FORT), 'link not heard')
     shows(browser, 'Not heard')
-    says(browser, '#inhibits', 'The safety mux is not heard.')
+    browser.says('#inhibits', 'The safety mux is not heard.')
     machine.silent = set()
-    says(browser, card(FORT), 'e-stop clear')
+    browser.says(card(FORT), 'e-stop clear')
     shows(browser, 'Stopped')
 
 
 def test_lost_connection_says_so_and_comes_back(browser: Browser, machine: Machine) -> None:
     machine.server.close()
-    says(browser, '#lost', 'Connection lost')
+    browser.says('#lost', 'Connection lost')
     assert not is_seen(browser, '#banners')
-    says(browser, '#alert', 'Take the machine for one that may move.')
+    browser.says('#alert', 'Take the machine for one that may move.')
     machine.restart()
     browser.wait(IS_LIVE, 'a connection')
     shows(browser, 'Stopped')
@@ -179,7 +171,7 @@ def test_lost_connection_says_so_and_comes_back(browser: Browser, machine: Machi
 
 def test_page_that_hangs_is_as_good_as_lost(browser: Browser, machine: Machine) -> None:
     machine.hangs = True
-    says(browser, '#lost', 'Connection lost')
+    browser.says('#lost', 'Connection lost')
     machine.hangs = False
     browser.wait(IS_LIVE, 'a connection')
 
@@ -193,7 +185,7 @@ def test_words_from_outside_are_no_html(browser: Browser, machine: Machine) -> N
     }
     browser.evaluate('document.querySelector("#rest").open = true')
     for place in ('#now', '#inhibits'):
-        says(browser, place, '<img src=x')
+        browser.says(place, '<img src=x')
     assert browser.evaluate('document.title') == 'Stopped · rugged_teleop'
 
 
@@ -237,14 +229,14 @@ def test_keyboard_resets_after_a_confirmation(
     with Machine(control=True, answer=(False, 'not reset: release the stop')) as machine:
         browser.load(f'{machine.address}#{TOKEN}')
         focused = 'document.activeElement.innerText'
-        says(browser, '#banners', 'Reset')
+        browser.says('#banners', 'Reset')
         assert TOKEN not in browser.evaluate('location.href')
         for _ in range(2):  # the link that skips, then the first button
             browser.press('Tab')
         assert browser.evaluate(focused) == 'Reset'
         browser.press('Enter')
         browser.wait('document.querySelector("#confirm").open', 'a question')
-        says(browser, '#confirm', 'Is nobody in its danger zone?')
+        browser.says('#confirm', 'Is nobody in its danger zone?')
         assert browser.evaluate(focused) == 'Cancel'
         browser.press('Escape')
         browser.wait('!document.querySelector("#confirm").open', 'no question')
@@ -253,7 +245,7 @@ def test_keyboard_resets_after_a_confirmation(
         browser.wait('document.querySelector("#confirm").open', 'a question')
         browser.press('Tab')
         browser.press('Enter')
-        says(browser, '#answer', 'not reset: release the stop')
+        browser.says('#answer', 'not reset: release the stop')
         assert machine.wishes == [('reset', MUX)]
 
 
@@ -263,7 +255,7 @@ def test_page_beyond_loopback_asks_for_the_token(browser: Browser) -> None:
         browser.load(machine.address)
         browser.evaluate('sessionStorage.clear()')
         browser.load(machine.address)
-        says(browser, '#token', 'Token')
+        browser.says('#token', 'Token')
         assert browser.text('#banners') == ''
         browser.evaluate(
             f'document.querySelector("#token-text").value = {TOKEN!r};'
@@ -287,7 +279,7 @@ def test_pictures_of_the_documents(browser: Browser) -> None:
         machine.axes, machine.speed = [0.0] * 4, 0.0
         browser.show(390, 800, dark=True)
         shows(browser, 'Stopped')
-        says(browser, card(FORT), 'e-stop demands a stop')
+        browser.says(card(FORT), 'e-stop demands a stop')
         browser.picture(images / 'status_page_phone.png')
     sizes = {path.name: path.stat().st_size for path in images.glob('status_page*.png')}
     assert all(size < 150_000 for size in sizes.values()), sizes

@@ -200,17 +200,3 @@ def test_taken_port_ends_it_with_status_2_and_names_port_and_parameter() -> None
     assert done.returncode == 2
     assert f'127.0.0.1 port {port}: address already in use' in done.stderr.lower()
     assert 'set host or port' in done.stderr.splitlines()[-1]
-
-
-def test_missing_aiohttp_ends_it_with_the_line_to_type() -> None:
-    source = """
-import sys
-sys.modules['aiohttp'] = None
-from rugged_teleop.page import main
-main(['--port', '0'])
-"""
-    own_domain()
-    done = run_python('-c', source)
-    assert done.returncode == 2
-    assert 'pip install aiohttp' in done.stderr
-    assert 'Traceback' not in done.stderr
