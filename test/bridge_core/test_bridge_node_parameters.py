@@ -63,14 +63,6 @@ def refused(*arguments: str, **parameters: Any) -> list[str]:
         return node.output.splitlines()
 
 
-@pytest.mark.parametrize(
-    ('name', 'value'), [('count', 10), ('estop_rate', math.nan), ('prot', 'x'), ('names', 5)]
-)
-def test_bad_parameter_is_one_line_and_exit_status_2(name: str, value: Any) -> None:
-    (line,) = refused(**{name: value})
-    assert line.startswith(f'rugged_teleop: parameter {name}')
-
-
 def test_empty_list_is_a_list_and_no_crash() -> None:
     with toy_process('/dev/nothing', names=[], scales=[]) as node:
         node.wait_output('cannot open')

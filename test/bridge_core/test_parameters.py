@@ -141,10 +141,6 @@ def test_own_check_runs_only_on_values_of_the_right_type() -> None:
     assert seen == [2.0]
 
 
-def test_value_with_a_line_break_still_gives_one_line() -> None:
-    refused(MODE, 'torque\nvelocity')
-
-
 def test_named_copy_keeps_its_range() -> None:
     copy = RATE.named('left.rate', 10.0)
     assert copy.name == 'left.rate'
