@@ -14,7 +14,6 @@ from pathlib import Path
 import random
 import socket
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,7 +29,7 @@ from bridge_core.cdr import bool_message
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import TransportError
 from stage.endings import each_ending
-from stage.rig import latched, NodeProcess, Observer, Pty, Record, wait_for
+from stage.rig import latched, NodeProcess, Observer, Pty, Record
 from stage.run_delay import RunDelay
 from stage.talkers import Diagnostics, namespace
 from stage.toy_bridge import make_toy, toy_process, ToyBridge
@@ -333,7 +332,7 @@ def statuses(record: Record) -> list[dict[str, Any]]:
     return [{status.name: status for status in message.status} for message in record.messages]
 
 
-def test_diagnostics_tell_link_and_device_and_change_at_once(
+def test_diagnostics_tell_link_and_device(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
     diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
@@ -344,7 +343,7 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         return [last[name].level for name in names if name in last]
 
     options: dict[str, Any] = {'hardware_id': 'the toy', 'link_timeout': OUTLASTS_GAPS}
-    with toy(device.pty.path, link, **options) as node:
+    with toy(device.pty.path, link, **options):
         good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
         observer.wait_for(lambda: levels() == good, 15.0, 'all well')
         port, toy_device = (statuses(diagnostics)[-1][name] for name in names)
@@ -362,18 +361,9 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
             'dropped',
         } <= set(values)
         assert int(values['sent']) > 0
-        # Steady: once a second.
-        count, delay = len(diagnostics.messages), RunDelay([node.process.pid])
-        observer.wait_for(lambda: len(diagnostics.messages) >= count + 4, 10.0, 'four more')
-        # At twice the rate they would take 1.5 s; the first may have been late by up to a second.
-        span = diagnostics.times[count + 3] - diagnostics.times[count]
-        assert span > 1.9 - delay.seconds()
-        # A change does not wait for the next second.
-        changed, delay = time.monotonic(), RunDelay([node.process.pid])
         device.talking = False
         device.pty.write(b's')
         observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
-        assert diagnostics.times[-1] - changed < 0.9 + delay.seconds()
         device.pty.unplug()
         observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
 
@@ -389,9 +379,6 @@ def test_diagnostics_tell_link_and_device_and_change_at_once(
         assert values['reconnects'] == '1'
 
 
-# Several of them.
-
-
 # The exit status for what is not a parameter's fault.
 
 
@@ -399,15 +386,6 @@ def test_transport_that_cannot_be_made_is_no_silent_wait(tmp_path: Path, link: s
     with toy(tmp_path / 'x', link, fault='no transport') as node:
         assert node.wait() != 0
         assert 'there is no such transport' in node.output
-
-
-def test_nothing_is_left_in_the_process_after_a_node(context: Context, link: str) -> None:
-    before = threading.active_count()
-    for _ in range(3):
-        node = make_toy(context, link)
-        node.shut_down()
-        node.destroy_node()
-    wait_for(lambda: threading.active_count() <= before, 5.0, 'the threads gone')
 
 
 def test_input_that_is_wired_to_a_misspelt_topic_is_named(observer: Observer) -> None:

@@ -128,24 +128,6 @@ class BlockedBus:
         self.is_shut = True
 
 
-def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now, bus, counts = 100.0, BlockedBus(), Counter[str]()
-    monkeypatch.setattr(clock, 'now', lambda: now)
-    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
-    port = PumpedPort({}, (), counts)
-    assert port.write(CanFrame(1, b'motion'))
-    wait_for(bus.sending.is_set, 5.0, 'a driver that blocks')
-    assert all(port.write(CanFrame(1, b'motion')) for _ in range(4))
-    now += 0.05
-    bus.let_go.set()
-    wait_for(lambda: counts['frames too old to send'] == 4, 5.0, lambda: str(counts))
-    assert port.write(CanFrame(1, b'neutral'))
-    wait_for(lambda: bus.sent == [b'motion', b'neutral'], 5.0, lambda: str(bus.sent))
-    port.close()
-
-
 @pytest.mark.parametrize(
     ('held_up', 'sent'), [(0.19, [b'motion', b'neutral']), (0.2, [b'motion'])]
 )

@@ -64,14 +64,6 @@ def test_identical_frame_of_another_sender_is_not_taken_for_our_own(bus: CanBus)
     assert wait_frames(transport, 1) == [ours]
 
 
-def test_several_transports_share_one_channel(bus: CanBus) -> None:
-    transports = [bus.transport() for _ in range(3)]
-    for number, transport in enumerate(transports):
-        assert transport.send(CanFrame(number, b''))
-    heard = [{each.identifier for each in wait_frames(each, 2)} for each in transports]
-    assert heard == [{1, 2}, {0, 2}, {0, 1}]
-
-
 def test_filters_pass_what_was_asked_for_and_nothing_else(bus: CanBus) -> None:
     peer = bus.endpoint()
     transport = bus.transport([(0x18EF00FF, 0x1FFF00FF), (LAST.identifier, 0x1FFFFFFF)])

@@ -230,16 +230,6 @@ def test_size_beyond_the_format_is_malformed_and_never_waited_for(size: int) -> 
     assert parser.deadline == math.inf
 
 
-def test_nothing_fed_changes_nothing() -> None:
-    parser = StreamParser(LONG)
-    assert parser.feed(b'', 1.0) == []
-    assert parser.poll(100.0) == []
-    assert parser.deadline == math.inf
-    parser.feed(LONG.header, 101.0)
-    parser.feed(b'', 101.01)
-    assert parser.deadline == 101.0 + 0.05
-
-
 # A format that counts what it is asked, to bound work without a clock.
 
 

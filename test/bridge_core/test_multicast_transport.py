@@ -55,17 +55,6 @@ def test_datagrams_keep_their_bounds_both_ways(ends: Ports) -> None:
     assert heard(theirs) == [b'out']
 
 
-def test_two_receivers_on_one_host_both_hear_all(ends: Ports) -> None:
-    ours, theirs = ends
-    port = int(ours.name.split(':')[1].split()[0])
-    second = pair(port)[0]
-    second.open()
-    with contextlib.closing(second):
-        theirs.send(b'both')
-        assert heard(ours) == [b'both']
-        assert heard(second) == [b'both']
-
-
 @pytest.mark.parametrize('option', [socket.SO_REUSEADDR, socket.SO_REUSEPORT])
 def test_port_is_shared_with_a_program_that_knows_one_way_to_share(option: int) -> None:
     port = free_port()

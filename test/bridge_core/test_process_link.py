@@ -16,7 +16,7 @@ import functools
 import math
 import os
 from pathlib import Path
-from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSEGV, SIGSTOP
+from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSTOP
 import threading
 import time
 from typing import Any
@@ -67,18 +67,6 @@ def toy(pty: Pty, observer: Observer) -> Iterator[Toy]:
 
 
 # The node dies.
-
-
-@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
-def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) -> None:
-    wire, spare = toy.wire(), toy.spare()
-    toy.pty.clear()
-    toy.node.end(number)
-    toy.pty.wait_received(b'BYE')
-    toy.wait_gone(wire, spare)
-    toy.pty.read()
-    assert toy.pty.received.endswith(b'BYE')
-    assert toy.pty.received.count(b'BYE') == 1
 
 
 @pytest.mark.parametrize('number', first_of(SIGINT, SIGQUIT, SIGHUP))
@@ -201,9 +189,6 @@ def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
             device.pty.wait_received(b'BYE')
     for port in ports.values():
         port.unplug()
-
-
-# Lifecycle, and what is left.
 
 
 # Neither end waits for the other.

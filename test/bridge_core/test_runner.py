@@ -330,9 +330,6 @@ def test_nodes_on_one_machine_meet_plain_ones(
             (early if first == 'plain' else late).wait_output('both ways')
 
 
-# What the first datagram that has "lost" in it does not do: arrive.
-
-
 # Real-time priority.
 
 
