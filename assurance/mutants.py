@@ -64,7 +64,7 @@ _NAMES_OF_TESTS = {
         'framing_of_devices',
     ),
     'bridge_core/convert.py': ('shared_convert', *(f'{name}_convert' for name in _CONVERT)),
-    'bridge_core/checksums.py': ('checksums', 'crc32'),
+    'bridge_core/checksums.py': ('checksums',),
     'bridge_core/j1939.py': ('j1939', 'akron_protocol'),
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),

@@ -46,32 +46,36 @@ NEUTRAL = CanFrame(0x0CFDD638, bytes.fromhex('0100010000000000'))
 # The account alone.
 
 
-def test_nothing_is_sent_behind_a_frame_that_waits_too_long() -> None:
+# s after the first, what is sent, confirmed (+) or asked (?): may something be sent then?
+ACCOUNTS = {
+    'nothing is sent behind a frame that waits too long': [
+        *((0.0, '1', True), (0.014, '?', True), (0.015, '?', False), (0.499, '?', False)),
+        (0.499, '+1', True),
+    ],
+    'lost confirmations are got over by a try': [
+        *((0.0, '1', True), (0.0, '2', True), (0.5, '?', True), (0.5, '3', False)),
+        *((0.6, '?', False), (0.501, '+3', True), (0.6, '?', True)),
+    ],
+    "somebody else's confirmation changes nothing": [
+        *((0.0, '1', True), (0.001, '+2', True), (0.1, '?', False)),
+    ],
+    'old frames that leave one by one are not taken for lost': [
+        *((0.0, '1', True), (0.5, '1', False), (1.0, '1', False)),
+        *((1.3, '+1', False), (1.4, '+1', False), (1.5, '+1', True)),
+    ],
+}
+
+
+@pytest.mark.parametrize('name', ACCOUNTS)
+def test_account_of_what_waits(name: str) -> None:
     waiting = Unconfirmed()
-    waiting.sent(b'1', 10.0)
-    assert waiting.may_send(10.014)
-    assert not waiting.may_send(10.015)
-    assert not waiting.may_send(10.499)
-    waiting.confirmed(b'1', 10.499)
-    assert waiting.may_send(10.499)
-
-
-def test_lost_confirmations_are_got_over_by_a_try() -> None:
-    waiting = Unconfirmed()
-    waiting.sent(b'1', 10.0)
-    waiting.sent(b'2', 10.0)
-    assert waiting.may_send(10.5)
-    waiting.sent(b'3', 10.5)
-    assert not waiting.may_send(10.6)
-    waiting.confirmed(b'3', 10.501)
-    assert waiting.may_send(10.6)
-
-
-def test_confirmation_of_somebody_elses_frame_changes_nothing() -> None:
-    waiting = Unconfirmed()
-    waiting.sent(b'1', 10.0)
-    waiting.confirmed(b'2', 10.001)
-    assert not waiting.may_send(10.1)
+    for after, what, may in ACCOUNTS[name]:
+        now = 10.0 + after
+        if what[0] == '+':
+            waiting.confirmed(what[1:].encode(), now)
+        elif what != '?':
+            waiting.sent(what.encode(), now)
+        assert waiting.may_send(now) is may, (after, what)
 
 
 @given(
@@ -95,17 +99,6 @@ def test_confirmations_that_are_lost_cost_one_pause_of_half_a_second(
     assert [at for at in taken if at > last + 0.51] == [
         number * 0.02 for number in range(80) if number * 0.02 > last + 0.51
     ]
-
-
-def test_old_frames_that_leave_one_by_one_are_not_taken_for_lost() -> None:
-    waiting = Unconfirmed()
-    for now in (10.0, 10.5, 11.0):
-        waiting.sent(b'1', now)
-    for now in (11.3, 11.4):
-        waiting.confirmed(b'1', now)
-        assert not waiting.may_send(now)
-    waiting.confirmed(b'1', 11.5)
-    assert waiting.may_send(11.5)
 
 
 # A driver that blocks, as others than SocketCAN do.
@@ -133,24 +126,6 @@ class BlockedBus:
 
     def shutdown(self) -> None:
         self.is_shut = True
-
-
-def test_frames_that_waited_for_a_blocked_driver_are_not_sent_after_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now, bus, counts = 100.0, BlockedBus(), Counter[str]()
-    monkeypatch.setattr(clock, 'now', lambda: now)
-    monkeypatch.setattr(can, 'Bus', lambda **options: bus)
-    port = PumpedPort({}, (), counts)
-    assert port.write(CanFrame(1, b'motion'))
-    wait_for(bus.sending.is_set, 5.0, 'a driver that blocks')
-    assert all(port.write(CanFrame(1, b'motion')) for _ in range(4))
-    now += 0.05
-    bus.let_go.set()
-    wait_for(lambda: counts['frames too old to send'] == 4, 5.0, lambda: str(counts))
-    assert port.write(CanFrame(1, b'neutral'))
-    wait_for(lambda: bus.sent == [b'motion', b'neutral'], 5.0, lambda: str(bus.sent))
-    port.close()
 
 
 @pytest.mark.parametrize(

@@ -109,29 +109,6 @@ def test_parser_tells_its_format() -> None:
 
 
 @both_formats
-def test_whole_and_byte_by_byte_and_every_single_split(
-    fmt: FrameFormat[bytes], frames: list[bytes]
-) -> None:
-    data = b''.join(frames)
-    assert parse(StreamParser(fmt), [data]) == frames
-    assert parse(StreamParser(fmt), single_bytes(data)) == frames
-    for cut in range(len(data)):
-        assert parse(StreamParser(fmt), [data[:cut], data[cut:]]) == frames
-
-
-@both_formats
-def test_garbage_before_between_and_behind_costs_no_frame(
-    fmt: FrameFormat[bytes], frames: list[bytes]
-) -> None:
-    garbage = b'\x00\x13\x37' + fmt.header[:1] + b'\x42'
-    data = garbage + b''.join(frame + garbage for frame in frames)
-    parser = StreamParser(fmt)
-    assert parse(parser, single_bytes(data)) == frames
-    assert parser.counters.discarded_bytes == len(garbage) * (len(frames) + 1)
-    assert parser.counters.resynchronisations == len(frames) + 1
-
-
-@both_formats
 def test_one_flipped_bit_anywhere_costs_at_most_its_frame(
     fmt: FrameFormat[bytes], frames: list[bytes]
 ) -> None:
@@ -242,16 +219,6 @@ def test_frame_on_a_slow_line_gets_twice_the_time_of_the_largest(baud: int, expi
     assert parser.deadline == pytest.approx(now - 3 * 10 / baud + expire)
 
 
-def test_impossible_head_is_not_waited_for() -> None:
-    good = long_frame(b'good')
-    for head in (b'\x00\x05', b'\x04\x05', b'\x01\x29', b'\xff\xff'):
-        parser = StreamParser(LONG)
-        assert parser.feed(LONG.header + head, 1.0) == []
-        assert parser.deadline == math.inf
-        assert parser.feed(good, 1.0) == [good]
-        assert parser.counters.malformed == 1
-
-
 @pytest.mark.parametrize('size', [-1, 0, 1, 11, 10**9])
 def test_size_beyond_the_format_is_malformed_and_never_waited_for(size: int) -> None:
     fmt = FrameFormat(
@@ -261,16 +228,6 @@ def test_size_beyond_the_format_is_malformed_and_never_waited_for(size: int) -> 
     assert parser.feed(FIXED_FRAMES[0], 1.0) == []
     assert parser.counters.malformed == 1
     assert parser.deadline == math.inf
-
-
-def test_nothing_fed_changes_nothing() -> None:
-    parser = StreamParser(LONG)
-    assert parser.feed(b'', 1.0) == []
-    assert parser.poll(100.0) == []
-    assert parser.deadline == math.inf
-    parser.feed(LONG.header, 101.0)
-    parser.feed(b'', 101.01)
-    assert parser.deadline == 101.0 + 0.05
 
 
 # A format that counts what it is asked, to bound work without a clock.

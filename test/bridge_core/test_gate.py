@@ -284,15 +284,6 @@ def test_what_is_forgotten_was_never_heard(kind: str, before: str) -> None:
     assert rig.told == told
 
 
-@pytest.mark.parametrize('kind', POLICIES)
-def test_fresh_inputs_keep_it_open(kind: str) -> None:
-    rig = opened(kind)
-    for _ in range(20):
-        rig.say('unseen 0.05', 'clear', 'enable', 'command')
-        assert rig.gate.is_open
-    assert rig.told == []
-
-
 def test_enable_that_is_said_without_its_value_is_fresh_and_no_half_of_an_edge() -> None:
     rig = Rig('edge').say('clear', 'command')
     for _ in range(10):

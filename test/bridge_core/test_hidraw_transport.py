@@ -140,21 +140,32 @@ def test_file_is_read_to_its_end_and_lost_there(tmp_path: Path) -> None:
     transport.close()
 
 
-@pytest.mark.parametrize('name', ['missing', 'folder'])
-def test_what_is_no_device_is_one_line_that_says_what_to_do(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ('name', 'allowed', 'text'),
+    [
+        ('missing', ANY, 'no such device; plug it in, or set the parameter port'),
+        ('folder', ANY, 'parameter port'),
+        # A terminal, but no pty's other end. Its bytes, cut into nines, could look healthy.
+        ('/dev/ptmx', ANY, 'a serial port, not hidraw'),
+        # Also where a stand-in is allowed: that has no device number.
+        ('/dev/null', ANY, 'does not tell vendor and product'),
+        ('/dev/zero', ANY, 'does not tell vendor and product'),
+        *(
+            (name, VSC, r'no vendor and product.*hid.devices')
+            for name in ('hidraw', 'pty', 'file')
+        ),
+    ],
+)
+def test_what_is_no_device_or_an_unasked_stand_in_is_one_line(
+    tmp_path: Path, fifo: Path, pty: Pty, name: str, allowed: tuple[str, ...], text: str
+) -> None:
     (tmp_path / 'folder').mkdir()
-    transport = HidrawTransport(str(tmp_path / name), SIZE, ANY)
-    with pytest.raises(TransportError, match=r'parameter port') as caught:
+    (tmp_path / 'file').write_bytes(ONE)
+    path = pty.path if name == 'pty' else tmp_path / name
+    transport = HidrawTransport(str(path), SIZE, allowed)
+    with pytest.raises(TransportError, match=text) as caught:
         transport.open()
     assert '\n' not in str(caught.value)
-    assert transport.fileno() == -1
-
-
-def test_serial_port_is_refused() -> None:
-    """Another protocol's bytes, cut into nines, could look like a healthy remote."""
-    transport = HidrawTransport('/dev/ptmx', SIZE, ANY)  # a terminal, but no pty's other end
-    with pytest.raises(TransportError, match=r'a serial port, not hidraw'):
-        transport.open()
     assert transport.fileno() == -1
 
 
@@ -247,24 +258,6 @@ def test_device_that_is_no_vsc_is_refused_and_named(
     assert transport.fileno() == -1
 
 
-@pytest.mark.parametrize('path', ['/dev/null', '/dev/zero'])
-def test_character_device_that_does_not_say_who_it_is_is_refused(path: str) -> None:
-    """Also where a stand-in is allowed: that has no device number."""
-    transport = HidrawTransport(path, SIZE, ANY)
-    with pytest.raises(TransportError, match=r'does not tell vendor and product'):
-        transport.open()
-    assert transport.fileno() == -1
-
-
-def test_stand_in_is_refused_unless_it_is_allowed(fifo: Path, pty: Pty, tmp_path: Path) -> None:
-    (tmp_path / 'file').write_bytes(ONE)
-    for path in (fifo, pty.path, tmp_path / 'file'):
-        transport = HidrawTransport(str(path), SIZE, VSC)
-        with pytest.raises(TransportError, match=r'no vendor and product.*hid.devices'):
-            transport.open()
-        assert transport.fileno() == -1
-
-
 def test_device_that_is_named_on_purpose_is_taken_and_told(device: Hidraw) -> None:
     device.device = (0xFFFF, 0xF00D)
     transport = HidrawTransport('/dev/null', SIZE, ['FFFF:F00D'])
@@ -273,28 +266,26 @@ def test_device_that_is_named_on_purpose_is_taken_and_told(device: Hidraw) -> No
     transport.close()
 
 
-def test_hidraw_device_gives_every_queued_report_by_itself(device: Hidraw) -> None:
+@pytest.mark.parametrize(
+    ('reads', 'received'),
+    [
+        # A report of 18 bytes is not two of 9.
+        ([ONE, TWO, ONE + TWO, ONE[:3]], [[ONE, TWO, ONE + TWO, ONE[:3]], []]),
+        ([ONE] * 100, [[ONE] * 64, [ONE] * 36, []]),
+        *(([ONE, number], ['/dev/null: unplugged']) for number in (errno.ENODEV, errno.EIO)),
+    ],
+    ids=['each by itself', 'a flood in portions', 'pulled', 'pulled amid a read'],
+)
+def test_hidraw_device_gives_its_reports(
+    device: Hidraw, reads: list[bytes | int], received: list[Any]
+) -> None:
     transport = HidrawTransport('/dev/null', SIZE, VSC)
     transport.open()
-    device.reads = [ONE, TWO, ONE + TWO, ONE[:3]]  # a report of 18 bytes is not two of 9
-    assert transport.receive() == [ONE, TWO, ONE + TWO, ONE[:3]]
-    assert transport.receive() == []
-    transport.close()
-
-
-def test_flood_of_reports_comes_in_portions(device: Hidraw) -> None:
-    transport = HidrawTransport('/dev/null', SIZE, VSC)
-    transport.open()
-    device.reads = [ONE] * 1000
-    assert len(transport.receive()) < 1000
-    transport.close()
-
-
-@pytest.mark.parametrize('number', [errno.ENODEV, errno.EIO])
-def test_hidraw_device_that_is_pulled_is_unplugged(device: Hidraw, number: int) -> None:
-    transport = HidrawTransport('/dev/null', SIZE, VSC)
-    transport.open()
-    device.reads = [ONE, number]
-    with pytest.raises(TransportError, match=r'/dev/null: unplugged'):
-        transport.receive()
+    device.reads = reads
+    for each in received:
+        if isinstance(each, list):
+            assert transport.receive() == each
+        else:
+            with pytest.raises(TransportError, match=each):
+                transport.receive()
     transport.close()

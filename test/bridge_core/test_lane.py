@@ -94,10 +94,13 @@ def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
     assert numbers == list(range(numbers[0], numbers[0] + 50))
 
 
-def test_topic_has_the_namespace_of_the_node(rig: Rig) -> None:
-    subscription = rig.lane.subscribe(Int32, '~/number', rig.hear, 10)
-    assert subscription.topic_name == '/lane/listener/number'
-    assert not list(subscription.event_handlers)  # nobody would ever serve them
+def test_lane_tells_its_subscriptions_which_have_the_namespace_of_the_node(rig: Rig) -> None:
+    first, second = (rig.lane.subscribe(Int32, f'~/{topic}', rig.hear, 10) for topic in 'ab')
+    assert first.topic_name == '/lane/listener/a'
+    assert not list(first.event_handlers)  # nobody would ever serve them
+    assert rig.lane.subscriptions == [first, second]
+    rig.lane.unsubscribe(first)
+    assert rig.lane.subscriptions == [second]
 
 
 def test_group_of_a_lane_lets_no_executor_begin() -> None:
@@ -148,15 +151,6 @@ def test_message_waited_since_the_middleware_took_it_in(
 ) -> None:
     monkeypatch.setattr('bridge_core.lane.time.time_ns', lambda: 10_000_000_000)
     assert lane_module.waited({'received_timestamp': received}) == pytest.approx(waited)
-
-
-def test_lane_tells_its_subscriptions(rig: Rig) -> None:
-    first, second = (
-        rig.lane.subscribe(Int32, topic, rig.hear, QoSProfile(depth=1)) for topic in 'ab'
-    )
-    assert rig.lane.subscriptions == [first, second]
-    rig.lane.unsubscribe(first)
-    assert rig.lane.subscriptions == [second]
 
 
 def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -325,17 +319,13 @@ def test_posted_calls_come_in_order_also_those_of_before_the_start(rig: Rig) -> 
     rig.wait_heard(*range(100))
 
 
-def test_call_returns_what_the_lane_returns_or_raises(rig: Rig) -> None:
+def test_call_returns_what_the_lane_returns_or_raises_and_is_direct_without_it(rig: Rig) -> None:
+    assert rig.lane.call(threading.current_thread) is threading.current_thread()
     rig.lane.start()
     assert rig.lane.call(lambda n: (n, threading.current_thread().name), 3) == (3, 'listener lane')
     with pytest.raises(ZeroDivisionError):
         rig.lane.call(lambda: 1 / 0)
     assert rig.lane.call(rig.lane.call, max, 1, 2) == 2  # directly on the lane's own thread
-
-
-def test_call_without_a_thread_is_direct(rig: Rig) -> None:
-    assert rig.lane.call(threading.current_thread) is threading.current_thread()
-    rig.lane.start()
     rig.lane.stop()
     assert rig.lane.call(threading.current_thread) is threading.current_thread()
 
@@ -423,34 +413,31 @@ def time(monkeypatch: pytest.MonkeyPatch) -> Any:
     return result
 
 
-def test_timer_is_called_when_it_is_due_and_once(rig: Rig, time: Any) -> None:
-    rig.lane.every(1.0, rig.heard.append)
-    for at in (0.9, 1.0, 1.0, 1.9, 2.2, 2.9, 3.0, 5.0, 5.0, 5.9, 6.0):
-        time.at = at
-        rig.lane._call_timers()
-    assert rig.heard == [1.0, 2.2, 3.0, 5.0, 6.0]
+Plan = dict[float, bool]  # at which moments it is looked at, and whether the lane rests then
 
 
-def test_timers_that_are_due_together_come_together_also_behind_a_late_one(
-    rig: Rig, time: Any
+@pytest.mark.parametrize(
+    ('added', 'rest', 'plan', 'called'),
+    [
+        (
+            *(0.0, None),
+            dict.fromkeys((0.9, 1.0, 1.25, 1.9, 2.2, 2.9, 3.0, 5.0, 5.5, 5.9, 6.0), False),
+            [1.0, 2.2, 3.0, 5.0, 6.0],  # late, they keep their phase and are not made up for
+        ),
+        (0.0, 2.0, {1.0: False, 2.0: True, 3.0: True, 4.0: False, 5.0: False}, [1, 2, 4, 5]),
+        # Those that are due within 1 ms come together.
+        (0.0005, None, dict.fromkeys((1.0, 2.0, 2.0005, 3.25, 4.0), False), [1, 2, 3.25, 4]),
+    ],
+    ids=['once each period', 'another period while it rests', 'together'],
+)
+def test_timer_is_called_when_it_is_due(
+    rig: Rig, time: Any, added: float, rest: float | None, plan: Plan, called: list[float]
 ) -> None:
-    rig.lane.every(1.0, lambda now: rig.heard.append(('often', now)))
-    time.at = 0.0005
-    rig.lane.every(2.0, lambda now: rig.heard.append(('seldom', now)))
-    for at in (1.0, 2.0, 2.0005, 3.25, 4.0):
-        time.at = at
+    time.at = added
+    rig.lane.every(1.0, rig.heard.append, rest=rest)
+    for time.at, rig.lane.rests in plan.items():
         rig.lane._call_timers()
-    often = [now for name, now in rig.heard if name == 'often']
-    assert often == [1.0, 2.0, 3.25, 4.0]
-    assert [now for name, now in rig.heard if name == 'seldom'] == [2.0, 4.0]
-
-
-def test_timer_has_another_period_while_the_lane_rests(rig: Rig, time: Any) -> None:
-    rig.lane.every(1.0, rig.heard.append, rest=2.0)
-    for at, rests in ((1.0, False), (2.0, True), (3.0, True), (4.0, False), (5.0, False)):
-        time.at, rig.lane.rests = at, rests
-        rig.lane._call_timers()
-    assert rig.heard == [1.0, 2.0, 4.0, 5.0]
+    assert rig.heard == called
 
 
 def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(
@@ -489,31 +476,6 @@ def test_faults_are_reported_once_a_second(
         time.at = at
         rig.lane._guarded(lambda: 1 / 0)
     assert capfd.readouterr().err.count('ZeroDivisionError') == 3
-
-
-def test_timer_keeps_its_rate(rig: Rig) -> None:
-    """No drift: a call that is late does not make the later ones late."""
-    started = clock.now()
-    rig.lane.every(PERIOD, rig.heard.append)
-    rig.lane.start()
-    wait_for(lambda: len(rig.heard) >= 50, what='50 calls')
-    for n, now in enumerate(rig.heard):
-        assert now - started >= (n + 1) * PERIOD - 0.001  # never early, however busy the machine
-
-
-def test_calls_that_are_late_are_left_out(rig: Rig) -> None:
-    rig.lane.every(PERIOD, rig.heard.append)
-    rig.lane.start()
-    wait_for(lambda: rig.heard, what='a call')
-    held = threading.Event()
-    rig.lane.post(held.wait)
-    before, count = clock.now(), len(rig.heard)
-    wait_for(lambda: clock.now() > before + 10 * PERIOD, what='the time')
-    released = clock.now()
-    held.set()
-    wait_for(lambda: len(rig.heard) > count + 5, what='the next calls')
-    after = [now for now in rig.heard[count:] if now >= released]
-    assert len(after) < (after[-1] - released) / PERIOD + 2  # made up for, there would be ten more
 
 
 def test_timer_added_while_it_waits_for_ever_comes(rig: Rig) -> None:
@@ -578,18 +540,6 @@ def test_stop_without_a_start(rig: Rig) -> None:
     rig.lane.post(int)
 
 
-def test_lane_that_hangs_holds_no_process(rig: Rig) -> None:
-    rig.lane.start()
-    assert thread_of(rig.lane).daemon
-
-
-def test_what_was_posted_before_the_stop_is_called(rig: Rig) -> None:
-    rig.lane.start()
-    rig.lane.post(rig.heard.append, 1)
-    rig.lane.stop()
-    assert rig.heard == [1]
-
-
 def test_what_the_last_call_posts_is_called(rig: Rig) -> None:
     def end() -> None:
         rig.lane.stop()
@@ -637,6 +587,7 @@ def test_lane_that_hangs_is_silent_alone(
         assert len(rig.heard) == silent
         rig.lane.stop()  # gives up
         assert thread_of(rig.lane).is_alive()
+        assert thread_of(rig.lane).daemon  # it holds no process
     finally:
         gate.set()
         other.close()

@@ -25,27 +25,20 @@ def test_wire_that_does_not_answer_leaves_the_process_its_second_to_end() -> Non
     assert 2 * ANSWER_TIME < 1.0  # the farewell, then the end of its thread
 
 
-def test_request_is_no_stop_and_the_newest_of_its_key_unless_it_says_so(bench: Bench) -> None:
+def test_request_is_no_stop_and_counts_shorter_as_input(bench: Bench) -> None:
     link = ThreadLink('link', bench.bridge, bench.owner)  # without a thread that takes them
     link.request(Call('do', ('early',)))
     link.request(Call('do', ('kept',)), each=True)
-    link.request(Call('do', ('late',)))
+    link.request(Call('do', ('late',)), received_at=7.0)
     link.request(Call('do', ('first',)), key='other', stop=True)
     taken = link._mailbox.take()
-    assert [request.what for request in taken] == [
-        Call('do', (word,)) for word in ('first', 'kept', 'late')
+    assert [(request.what.arguments, request.key, request.stop) for request in taken] == [  # type: ignore[union-attr]
+        (('first',), 'other', True),
+        (('kept',), 'do', False),
+        (('late',), 'do', False),
     ]
-    assert [request.stop for request in taken] == [True, False, False]
-    assert [request.key for request in taken] == ['other', 'do', 'do']
+    assert (taken[-1].at, taken[-1].limit) == (7.0, 0.03)
     link.stop()
-
-
-def test_input_counts_for_less_time_than_other_requests(bench: Bench) -> None:
-    link = ThreadLink('link', bench.bridge, bench.owner)
-    assert link.request(Call('drive'), received_at=7.0)
-    (request,) = link._mailbox.take()
-    link.stop()
-    assert (request.at, request.limit) == (7.0, 0.03)
 
 
 def test_open_that_blocks_stops_neither_pacing_nor_requests_nor_the_end(

@@ -17,7 +17,6 @@ from std_msgs.msg import Bool
 
 from stage.mux_talkers import MuxBench
 from stage.rig import NodeProcess, Observer, wait_for
-from stage.toy_rig import children_of, command_of
 
 
 def run(*words: str | Path) -> None:
@@ -68,13 +67,3 @@ def test_mux_whose_log_disk_hangs_decides_and_publishes_on(mux: MuxBench, disk: 
     run('fsfreeze', '-u', disk)
     [log] = disk.glob('log/*.log')
     wait_for(lambda: 'trip' in log.read_text(), 10.0, 'what was logged meanwhile')
-
-
-def test_process_of_a_node_does_not_have_its_log_file(mux: MuxBench, disk: Path) -> None:
-    def opened(pid: int) -> list[str]:
-        return [os.readlink(each) for each in Path(f'/proc/{pid}/fd').iterdir()]
-
-    [drain] = [pid for pid in children_of(mux.node.process.pid) if 'drain.py' in command_of(pid)]
-    [log] = disk.glob('log/*.log')
-    assert str(log) in opened(drain)
-    assert str(log) not in opened(mux.node.process.pid)

@@ -64,15 +64,10 @@ def test_it_is_readable_while_there_are_requests_and_from_the_end_on() -> None:
     mailbox.close()
 
 
-def test_its_descriptor_blocks_nobody_and_no_child_has_it() -> None:
+def test_its_descriptor_blocks_nobody_is_no_childs_and_is_closed_once() -> None:
     mailbox = Mailbox(lambda number, error: None)
     assert not os.get_blocking(mailbox.fileno())
     assert not os.get_inheritable(mailbox.fileno())
-    mailbox.close()
-
-
-def test_closing_it_again_closes_nobody_elses_descriptor() -> None:
-    mailbox = Mailbox(lambda number, error: None)
     mailbox.close()
     others = [os.open(os.devnull, os.O_RDONLY) for _ in range(3)]
     before = sorted(os.listdir('/proc/self/fd'))
@@ -80,9 +75,6 @@ def test_closing_it_again_closes_nobody_elses_descriptor() -> None:
     assert sorted(os.listdir('/proc/self/fd')) == before
     for other in others:
         os.close(other)
-
-
-# Commands, for whose end somebody waits.
 
 
 class SilentLink(Link):
@@ -113,18 +105,25 @@ class SilentLink(Link):
         self._done(self.put[0][0].number, error)
 
 
-def test_command_is_no_request_that_another_replaces_or_age_refuses() -> None:
+@pytest.mark.parametrize('error', ['', 'rate is 0'])
+def test_command_is_no_request_and_its_error_is_raised_where_it_was_given(error: str) -> None:
+    """No other one replaces it, and age does not refuse it."""
     silent = SilentLink()
-    caller = threading.Thread(target=silent.activate, args=({'rate': 1},))
-    caller.start()
+    ends: list[str] = []
+
+    def activate() -> None:
+        try:
+            silent.activate({'rate': 1}, resting=True)
+            ends.append('')
+        except ValueError as raised:
+            ends.append(str(raised))
+
+    threading.Thread(target=activate).start()
     assert silent.has_put.wait(20.0)
     [(command, each)] = silent.put
-    assert command.what == Activate({'rate': 1})
-    assert command.stop
-    assert each
-    silent.answer('')
-    caller.join(20.0)
-    assert not caller.is_alive()
+    assert (command.what, command.stop, each) == (Activate({'rate': 1}, resting=True), True, True)
+    silent.answer(error)
+    wait_for(lambda: ends == [error], 20.0, 'the end')
     silent.stop()
 
 
@@ -134,25 +133,6 @@ def test_request_that_no_wire_takes_has_no_number(takes: bool) -> None:
     silent.takes = takes
     number = silent.request(Call('ping'))
     assert number == (silent.put[0][0].number if takes else 0)
-    silent.stop()
-
-
-def test_error_of_a_command_is_raised_where_it_was_given() -> None:
-    silent = SilentLink()
-    errors: list[str] = []
-
-    def activate() -> None:
-        try:
-            silent.activate({}, resting=True)
-        except ValueError as error:
-            errors.append(str(error))
-
-    caller = threading.Thread(target=activate)
-    caller.start()
-    assert silent.has_put.wait(20.0)
-    assert silent.put[0][0].what == Activate({}, resting=True)
-    silent.answer('rate is 0')
-    wait_for(lambda: errors == ['rate is 0'], 20.0, 'the error')
     silent.stop()
 
 

@@ -319,11 +319,3 @@ def test_parameters_say_whose_proofs_are_needed() -> None:
     auto = MuxWords.from_parameters({**PARAMETERS, 'proof': 'auto', WIRING: (MUX, True)})
     assert (auto.is_proven, auto.enables, auto.stops(0.0)) == (False, True, [])
     assert MuxWords.from_parameters({}).asks_at == math.inf
-
-
-def test_rig_proofs_are_those_of_a_writer() -> None:
-    mux = ProvingMux()
-    mux.prove(1.0)
-    (data,) = mux.arrived(1.0)
-    proof = Proof.from_bytes(data)
-    assert proof == replace(proof, writer=7, estop=False, own_estop=True, newest=1_000_000_000)

@@ -8,8 +8,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 import itertools
 import threading
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from rclpy.node import Node
@@ -17,7 +16,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
 from akron_can_bridge.node import AkronCanBridge
-from akron_can_bridge.session import FaultsChanged, Session as Akron, UnitChanged
+from akron_can_bridge.session import Session as Akron
 from bridge_core.input_guard import STOP_QOS
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
@@ -27,8 +26,7 @@ from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.session import Session as Vsc
 from io_bridge.node import IoBridge
 from ssc_bridge.node import SscBridge
-from ssc_bridge.protocol import Configuration
-from ssc_bridge.session import ConfigurationRead, Session as Ssc
+from ssc_bridge.session import Session as Ssc
 from stage.node_alone import alone
 from stage.rig import wait_for
 from vm110_bridge.node import Vm110Bridge
@@ -143,19 +141,3 @@ def test_state_of_the_device_is_published_with_each_report_by_those_who_tell_it(
         names = {publisher.topic_name for publisher in node.publishers}
         assert (f'{node.get_fully_qualified_name()}/device' in names) is kind.TELLS_DEVICE
         assert [message.hardware_id != '' for message in told] == [True] * kind.TELLS_DEVICE
-
-
-def test_units_faults_and_configurations_have_a_site() -> None:
-    sites: list[str] = []
-    node = SimpleNamespace(log=lambda level, text, site='': sites.append(site))
-    node._log_faults = lambda event: AkronCanBridge._log_faults(cast(Any, node), event)
-    akron: list[Any] = [
-        FaultsChanged(('motor axis 1',)),
-        FaultsChanged(()),
-        UnitChanged('unit 1032AE100801035 is at address 80', '1032AE100801035', 1032),
-    ]
-    for event in akron:
-        AkronCanBridge.on_event(cast(Any, node), event)
-    read = ConfigurationRead(Configuration.from_payload(bytes((126, 8)) + bytes(12)))
-    SscBridge._log_configuration(cast(Any, node), read)
-    assert sites == ['faults', 'faults', 'unit', 'configuration']

@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.parameters import names_of, Parameter, ParameterError, resolve, with_named
+from bridge_core.parameters import Parameter, ParameterError, resolve, with_named
 
 RATE = Parameter('rate', 20.0, 'How often.', unit='Hz', minimum=5.0, maximum=200.0)
 TIMEOUT = Parameter('timeout', 0.25, 'How long.', unit='s', above=0.0)
@@ -141,10 +141,6 @@ def test_own_check_runs_only_on_values_of_the_right_type() -> None:
     assert seen == [2.0]
 
 
-def test_value_with_a_line_break_still_gives_one_line() -> None:
-    refused(MODE, 'torque\nvelocity')
-
-
 def test_named_copy_keeps_its_range() -> None:
     copy = RATE.named('left.rate', 10.0)
     assert copy.name == 'left.rate'
@@ -213,7 +209,3 @@ def test_list_of_names_is_fixed() -> None:
 def test_list_of_names_that_is_none_is_refused() -> None:
     with pytest.raises(ParameterError, match='parameter joints = 5'):
         with_named(_GENERAL, _GROUPS, {'joints': 5}, {})
-
-
-def test_empty_name_is_no_name() -> None:
-    assert names_of({'joints': ['', 'a', '']}, 'joints') == ['a']

@@ -16,7 +16,7 @@ import functools
 import math
 import os
 from pathlib import Path
-from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSEGV, SIGSTOP
+from signal import SIGCONT, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSTOP
 import threading
 import time
 from typing import Any
@@ -69,18 +69,6 @@ def toy(pty: Pty, observer: Observer) -> Iterator[Toy]:
 # The node dies.
 
 
-@pytest.mark.parametrize('number', first_of(SIGKILL, SIGSEGV))
-def test_node_that_dies_leaves_a_farewell_and_no_process(toy: Toy, number: int) -> None:
-    wire, spare = toy.wire(), toy.spare()
-    toy.pty.clear()
-    toy.node.end(number)
-    toy.pty.wait_received(b'BYE')
-    toy.wait_gone(wire, spare)
-    toy.pty.read()
-    assert toy.pty.received.endswith(b'BYE')
-    assert toy.pty.received.count(b'BYE') == 1
-
-
 @pytest.mark.parametrize('number', first_of(SIGINT, SIGQUIT, SIGHUP))
 def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> None:
     wire = toy.wire()
@@ -91,14 +79,6 @@ def test_signal_of_the_terminal_reaches_the_node_only(toy: Toy, number: int) -> 
     assert toy.node.wait() == 0
     toy.pty.wait_received(b'BYE')
     assert toy.pty.received.count(b'BYE') == 1 or toy.held_up()
-
-
-@each_ending
-def test_signal_to_the_wire_ends_nothing(toy: Toy, number: int) -> None:
-    wire, count = toy.wire(), toy.keep_alives()
-    os.kill(wire, number)
-    toy.wait(lambda: toy.keep_alives() > count + 5, 'keep-alives')
-    assert toy.wire() == wire or toy.held_up()
 
 
 # The node hangs.
@@ -114,18 +94,6 @@ def test_wire_of_a_node_whose_interpreter_is_held_goes_on(toy: Toy) -> None:
     assert len(toy.estop.times) == quiet or toy.held_up()
     toy.wait_stop(False)
     assert toy.wire() == wire or toy.held_up()
-
-
-def test_stop_that_came_and_went_while_the_node_was_stopped_is_told(toy: Toy) -> None:
-    for _ in range(3):
-        toy.node.signal(SIGSTOP)
-        toy.observer.holds_for(lambda: True, 0.2)  # of a device that is heard
-        toy.pty.write(b's')
-        toy.observer.holds_for(lambda: True, 0.3)
-        toy.estop.clear()
-        toy.node.signal(SIGCONT)
-        toy.wait(lambda: True in toy.estop.data, 'the stop')
-        toy.wait_stop(False)
 
 
 # The wire dies or hangs.
@@ -191,16 +159,6 @@ def test_request_that_waits_for_a_dead_wire_is_answered(toy: Toy) -> None:
     toy.wait(killed, 'the answer of a wire that was killed', 20.0)
 
 
-def test_requests_are_answered_while_wires_come_and_go(pty: Pty, observer: Observer) -> None:
-    """They come before a wire, during its short life, and after it."""
-    with running(pty, observer, fault='deadly port') as toy:
-        toy.wait_reason('ended with 7')
-        for _ in range(20):
-            answer = observer.call(Trigger, '/toy_bridge/ping', tries=3)
-            assert not answer.success
-            assert answer.message
-
-
 def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
     tmp_path: Path, observer: Observer
 ) -> None:
@@ -233,9 +191,6 @@ def test_wire_that_is_killed_disturbs_no_other_node_of_the_process(
         port.unplug()
 
 
-# Lifecycle, and what is left.
-
-
 # Neither end waits for the other.
 
 
@@ -244,19 +199,6 @@ def direct(pty: Pty) -> Iterator[Direct]:
     with contextlib.closing(Direct(pty)) as result:
         result.activate()
         yield result
-
-
-def test_flood_to_a_stopped_wire_blocks_nobody_and_loses_no_stop(direct: Direct) -> None:
-    wire = direct.wire()
-    os.kill(wire, SIGSTOP)
-    for _ in range(20000):
-        direct.link.request(Call('request_stop', (False,)))
-    direct.link.request(Call('request_stop', (True,)), stop=True)
-    # Either it is taken in, or there is no wire any more that could go on without it.
-    wait_for(lambda: not is_running(wire), 5.0, 'the end of the wire')
-    direct.pty.wait_received(b'h')
-    wait_for(direct.is_healthy, 5.0, 'a new one')
-    assert direct.wire() != wire
 
 
 def patient(patch: pytest.MonkeyPatch, **times: float) -> None:
@@ -332,17 +274,6 @@ def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(
 
     holds_for(is_silent, 0.3)
     node.destroy_node()
-
-
-def test_spare_says_the_farewell_for_a_wire_that_hangs_as_the_node_ends(direct: Direct) -> None:
-    direct.spare()
-    wire = direct.wire()
-    direct.pty.clear()
-    os.kill(wire, SIGSTOP)
-    direct.link.stop()
-    wait_for(lambda: not is_running(wire), 5.0, 'its end')
-    direct.pty.wait_received(b'BYE')
-    assert direct.pty.received.count(b'BYE') == 1
 
 
 def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(

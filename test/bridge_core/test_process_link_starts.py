@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from bridge_core.transports import child, process, started
+from bridge_core.transports import process, started
 from bridge_core.transports.request import Activate, Call
 from bridge_core.transports.wire_process import ENDING
 from stage.process_rig import StartBench as Bench
@@ -218,21 +218,6 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
     bench.live(bench.now + 0.5)
     assert len(bench.children) == 3
     assert not bench.troubles()
-
-
-@pytest.mark.parametrize(
-    ('returncode', 'words'),
-    [
-        (0, 'ended with 0'),
-        (1, 'ended with 1'),
-        (-1, 'was killed by SIGHUP'),
-        (-9, 'was killed by SIGKILL'),
-        (-35, 'was killed by signal 35'),
-    ],
-)
-def test_end_of_a_process_is_told_in_words(returncode: int, words: str) -> None:
-    ended: Any = SimpleNamespace(returncode=returncode)
-    assert child.Child(ended, None).cause() == words  # type: ignore[arg-type]
 
 
 def test_what_is_in_force_is_kept_for_a_spare_as_it_is_asked_and_carried_over(

@@ -224,15 +224,6 @@ def test_silence_while_the_node_was_held_up_is_no_hang(bench: LinkBench) -> None
     assert 'hangs' in str(bench.troubles())
 
 
-def test_stop_is_repeated_while_there_is_no_wire(bench: LinkBench) -> None:
-    bench.run()
-    bench.wire._socket.close()
-    for _ in range(10):
-        bench.step()
-    assert len(bench.owner.told) > 9
-    assert all(bench.owner.told)
-
-
 def test_trouble_is_reported_at_once_and_each_second(bench: LinkBench) -> None:
     bench.owner.next = math.inf  # it does not wake the thread
     bench.run()

@@ -9,7 +9,6 @@ import time
 
 import pytest
 from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool
 
 from bridge_core.publishers import PublisherWatch
 from stage.mux_talkers import MuxBench, SILENCE_STOPS_WITHIN, sticks
@@ -194,14 +193,6 @@ def test_second_live_publisher_stops_until_it_is_gone(mux: MuxBench) -> None:
     second.leave()
     mux.wait(lambda: mux.is_past('two live publishers'), 'only one again')
     mux.active()
-
-
-def test_second_publisher_that_says_stop_among_clear_ones_latches(mux: MuxBench) -> None:
-    mux.active()
-    second = mux.observer.publisher(Bool, f'{mux.space}/esi_drive_bridge/estop')
-    cause = time.monotonic()
-    second.publish(Bool(data=True))
-    mux.stopped_since(cause, 3.0)
 
 
 def test_second_mux_is_noticed_by_the_first_and_both_stay_stopped(mux: MuxBench) -> None:

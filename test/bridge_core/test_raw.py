@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 import select
 import time
 from typing import Any
@@ -100,10 +99,3 @@ def test_both_directions_are_published(pty: Pty, observer: Observer, link: str) 
         assert 0.0 <= age < clock.now()
         assert node.end() == 0
     assert set(b''.join(chunks(received))) <= set(b'k')
-
-
-def test_without_the_parameter_there_is_no_such_topic(tmp_path: Path, observer: Observer) -> None:
-    with toy_process(tmp_path / 'nothing'):
-        wait_value(observer, observer.record(Bool, ESTOP, latched()), True)
-        topics = [name for name, _ in observer.node.get_topic_names_and_types()]
-        assert not [name for name in topics if '/raw' in name]

@@ -9,22 +9,19 @@ import getpass
 import os
 from pathlib import Path
 import resource
-import shutil
 import signal
 from signal import SIGTERM
-import subprocess
 import threading
 from typing import Any
 from unittest import mock
 import weakref
 
 import pytest
-from std_msgs.msg import String
 
 from bridge_core import realtime, refusals, runner
 from bridge_core.share import loopback_profiles
 from safety_mux.node import SafetyMux
-from stage.rig import ENDING, NodeProcess, Observer, wait_for
+from stage.rig import ENDING, NodeProcess, wait_for
 from stage.talkers import namespace
 
 NAMES = ('remote', 'drive', 'mux', 'servos')
@@ -331,57 +328,6 @@ def test_nodes_on_one_machine_meet_plain_ones(
         with order[1]() as late:
             late.wait_output(words[order[1]])
             (early if first == 'plain' else late).wait_output('both ways')
-
-
-# What the first datagram that has "lost" in it does not do: arrive.
-_LOSSY = r"""
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <string.h>
-#include <sys/socket.h>
-ssize_t sendto(int fd, const void *data, size_t size, int flags, const struct sockaddr *to,
-               socklen_t length)
-{
-    static ssize_t (*real)(int, const void *, size_t, int, const struct sockaddr *, socklen_t);
-    static int is_lost;
-    if (!real)
-        *(void **)&real = dlsym(RTLD_NEXT, "sendto");
-    if (!is_lost && memmem(data, size, "lost", 4))
-        return is_lost = size;
-    return real(fd, data, size, flags, to, length);
-}
-"""
-_TALKER = """
-import sys, time, rclpy
-from rclpy.qos import QoSProfile
-from std_msgs.msg import String
-rclpy.init()
-node = rclpy.create_node('talker')
-publisher = node.create_publisher(String, 'words', 10)
-while not publisher.get_subscription_count():
-    time.sleep(0.01)
-for text in ('first', 'lost', 'last'):
-    publisher.publish(String(data=text))
-rclpy.spin(node)
-"""
-
-
-@pytest.mark.skipif(not shutil.which('cc'), reason='needs a C compiler')
-def test_message_that_was_lost_is_asked_for_and_comes(
-    environment: pytest.MonkeyPatch, tmp_path: Path, observer: Observer
-) -> None:
-    library = tmp_path / 'lossy.so'
-    command = ['cc', '-shared', '-fPIC', '-o', str(library), '-xc', '-', '-ldl']
-    subprocess.run(command, input=_LOSSY, text=True, check=True)
-    set_all(environment, {RANGE: 'LOCALHOST'})
-    runner.avoid_shared_memory()
-    environment.setenv('LD_PRELOAD', str(library))
-    space = namespace()
-    words = observer.record(String, f'{space}/words')
-    with NodeProcess(source=_TALKER, namespace=space) as talker:
-        observer.wait_for(lambda: len(words.messages) == 3, 20.0, lambda: talker.output)
-    assert [message.data for message in words.messages] == ['first', 'lost', 'last']
-    print(f'{words.times[1] - words.times[0]:.3f} s')
 
 
 # Real-time priority.

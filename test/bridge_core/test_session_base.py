@@ -131,15 +131,11 @@ def test_levels_are_those_of_diagnostic_status() -> None:
     }
 
 
-def test_frame_age_is_that_of_the_last_sign_of_life() -> None:
-    assert opened().frame_age(1.0) == math.inf
-    assert opened('clear').frame_age(1.25) == 0.25
-
-
 def test_stop_of_a_device_that_is_heard_is_a_warning_and_silence_an_error() -> None:
     assert opened('stop').problems(1.0) == [(Level.WARN, 'it says so')]
     assert opened().problems(1.0) == [(Level.ERROR, 'silent')]
     assert opened('clear').problems(1.0) == []
+    assert (opened().frame_age(1.0), opened('clear').frame_age(1.25)) == (math.inf, 0.25)
 
 
 def test_verdict_changes_at_the_moment_at_which_silence_is_too_long() -> None:
@@ -151,17 +147,13 @@ def test_verdict_changes_at_the_moment_at_which_silence_is_too_long() -> None:
     assert session.deadline() == math.inf
 
 
-def test_time_alone_is_looked_at_when_something_may_change_and_not_before() -> None:
+def test_time_alone_is_looked_at_when_something_may_change_or_the_clock_runs_backwards() -> None:
     session = opened('clear')
     session.seen.clear()
     for now in (1.0, 1.125, 1.25):
         session.receive('again', now)
         session.poll(now)
     assert session.seen == []
-
-
-def test_clock_that_runs_backwards_is_looked_at_anew() -> None:
-    session = opened('clear')
     assert verdicts(session.poll(0.5)[0]) == [LOST]
 
 
@@ -208,37 +200,42 @@ def test_discarded_input_is_a_stop_for_its_time_whatever_comes(word: str) -> Non
     assert session.deadline() == math.nextafter(end, 0.0) + TIMEOUT
 
 
-def test_silence_behind_discarded_input_is_that_for_the_links_time() -> None:
-    session = opened('clear')
-    session.interrupted('lost input', 2.0)
-    assert session.stop_reasons(math.nextafter(2.5, 0.0)) == ['lost input']
-    assert session.stop_reasons(2.5) == ['silent']
+# What is called with what when, and why it stops just before and at a moment behind that.
+REASONS: dict[str, tuple[list[tuple[str, Any, float]], tuple[str, str, float]]] = {
+    'silence behind discarded input': (
+        [('receive', 'clear', 1.0), ('interrupted', 'lost input', 2.0)],
+        ('lost input', 'silent', 2.5),
+    ),
+    'discarded input of a port that is closed': (
+        [('closed', None, 2.0), ('interrupted', 'lost input', 2.0)],
+        (Toy.CLOSED, Toy.CLOSED, 2.25),
+    ),
+    'discarded input of a port that was closed': (
+        [('closed', None, 2.0), ('interrupted', 'lost input', 2.0), ('opened', None, 2.0)],
+        ('silent', 'silent', 2.25),
+    ),
+    "noise for the link's time": (
+        [('receive', 'noise', 1.0), ('receive', 'noise', 1.25), ('receive', 'noise', 1.5)],
+        ('silent', 'garbled', 1.5),
+    ),
+    'noise of another connection': (
+        [
+            *(('receive', 'noise', 1.0), ('closed', None, 1.25), ('opened', None, 1.25)),
+            ('receive', 'noise', 1.375),
+        ],
+        ('silent', 'silent', 1.75),
+    ),
+}
 
 
-def test_discarded_input_of_a_port_that_is_closed_is_none() -> None:
-    session = opened('clear')
-    session.closed(2.0)
-    session.interrupted('lost input', 2.0)
-    assert session.stop_reasons(2.0) == [Toy.CLOSED]
-    session.opened(2.0)
-    assert session.stop_reasons(2.0) == ['silent']
-
-
-def test_noise_without_a_word_for_the_links_time_is_told_at_its_end() -> None:
+@pytest.mark.parametrize('name', REASONS)
+def test_reason_of_a_stop(name: str) -> None:
     session = opened()
-    for now in (1.0, 1.25, 1.5):
-        session.receive('noise', now)
-    assert session.stop_reasons(math.nextafter(1.5, 0.0)) == ['silent']
-    assert session.stop_reasons(1.5) == ['garbled']
-
-
-def test_noise_of_another_connection_does_not_count() -> None:
-    session = opened()
-    session.receive('noise', 1.0)
-    session.closed(1.25)
-    session.opened(1.25)
-    session.receive('noise', 1.375)
-    assert session.stop_reasons(1.75) == ['silent']
+    calls, (before, then, moment) = REASONS[name]
+    for method, what, now in calls:
+        getattr(session, method)(*[what] * (what is not None), now)
+    assert session.stop_reasons(math.nextafter(moment, 0.0)) == [before]
+    assert session.stop_reasons(moment) == [then]
 
 
 def test_held_buttons_know_whether_a_stop_came_last() -> None:

@@ -113,36 +113,25 @@ def test_nothing_is_owed_where_nothing_was_published() -> None:
     assert not StickStream().owes_neutral(fresh=False, counts=False)
 
 
-def test_stopped_pacer_is_never_due() -> None:
-    pacer = Pacer(0.1)
+@pytest.mark.parametrize(
+    ('early', 'sent', 'due'),
+    [
+        (0.0, [0.03], 0.125),  # a little late is made up for
+        (0.0, [10.0], 10.0625),  # a long stall makes no burst
+        (0.03125, [0.0, 0.09375], 0.25),  # early with something else, it keeps its slots
+    ],
+)
+def test_pacer_keeps_its_slots(early: float, sent: list[float], due: float) -> None:
+    pacer = Pacer(0.125, early=early)
     assert not pacer.is_due(1e9)
-    pacer.start(5.0)
-    assert pacer.is_due(5.0)
+    pacer.start(0.0)
+    assert pacer.is_due(0.0)
+    for now in sent:
+        pacer.sent(now)
+    assert pacer.due == due
+    assert [pacer.is_due(due - early + late) for late in (-0.03125, 0.0)] == [False, True]
     pacer.stop()
     assert pacer.due == math.inf
-
-
-def test_a_little_late_is_made_up_for() -> None:
-    pacer = Pacer(0.1)
-    pacer.start(0.0)
-    pacer.sent(0.03)
-    assert pacer.due == 0.1
-
-
-def test_frame_may_come_early_with_something_else_and_keeps_its_slots() -> None:
-    pacer = Pacer(0.125, early=0.03125)
-    pacer.start(0.0)
-    pacer.sent(0.0)
-    assert [pacer.is_due(now) for now in (0.0625, 0.09375)] == [False, True]
-    pacer.sent(0.09375)
-    assert pacer.due == 0.25
-
-
-def test_long_stall_makes_no_burst() -> None:
-    pacer = Pacer(0.1)
-    pacer.start(0.0)
-    pacer.sent(10.0)
-    assert pacer.due == 10.05
 
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=50))

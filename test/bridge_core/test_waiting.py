@@ -6,7 +6,6 @@
 import errno
 import fcntl
 import os
-from pathlib import Path
 import subprocess
 import sys
 import threading
@@ -15,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from bridge_core import clock, waiting
+from bridge_core import waiting
 from bridge_core.transports import process, wire
 from bridge_core.transports.process import ProcessLink
 from stage.link_rig import FakeOwner
-from stage.rig import ending_with, Pty, ROOT, TIMEOUT_FACTOR, wait_for
+from stage.rig import ROOT, TIMEOUT_FACTOR
 from stage.toy_wire import BRIDGE
 from stage.wire_rig import WireBench
 
@@ -47,48 +46,6 @@ def test_nothing_of_the_product_waits_by_select() -> None:
     assert len(files) > 100
     found = [file.name for file in files if 'select.select(' in file.read_text()]
     assert not found
-
-
-def test_node_with_1100_inherited_descriptors_hears_its_device(tmp_path: Path) -> None:
-    heartbeat = bytes.fromhex('100120060900000000004009')  # operational, no e-stop
-    said: list[float] = [0.0]
-
-    def says(words: str) -> bool:
-        if words.startswith('no stop') and clock.now() > said[-1] + 0.05:
-            said.append(clock.now())
-            port.write(heartbeat)
-        return words in output.read_text()
-
-    port = Pty(tmp_path / 'device')
-    source = os.open(os.devnull, os.O_RDONLY)
-    inherited = [fcntl.fcntl(source, fcntl.F_DUPFD, 3) for _ in range(_HIGH)]
-    output = tmp_path / 'output'
-    named = f'/dev/fd/{inherited[-1]}'
-    command = [sys.executable, '-m', 'fort_vsc_bridge.node', '--ros-args']
-    with output.open('wb') as file:
-        node = subprocess.Popen(
-            [*ending_with(os.getpid()), *command, '-p', f'port:={tmp_path / "device"}'],
-            cwd=ROOT,
-            pass_fds=inherited,
-            stdout=file,
-            stderr=file,
-            env={**os.environ, 'NAMED': named},
-        )
-    for each in (source, *inherited):
-        os.close(each)
-    try:
-        wait_for(lambda: 'device opened' in output.read_text(), 30.0, output.read_text)
-        left = {int(path.name) for path in Path(f'/proc/{node.pid}/fd').iterdir()}
-        assert inherited[-1] in left
-        assert len(left & set(inherited)) < 100  # those that it has opened itself
-        wait_for(lambda: says('no stop demanded any more'), 30.0, output.read_text)
-        wait_for(lambda: says('stop: check power'), 30.0, output.read_text)
-        node.terminate()
-        assert node.wait(10.0 * TIMEOUT_FACTOR) == 0
-    finally:
-        node.kill()
-        node.wait()
-        port.unplug()
 
 
 _AS_FROM_SYSTEMD = """

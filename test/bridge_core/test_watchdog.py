@@ -3,15 +3,13 @@
 
 """Freshness: in doubt, not fresh."""
 
+from collections.abc import Sequence
 import math
 
 from hypothesis import given, strategies as st
 import pytest
 
 from bridge_core.watchdog import FreezeWatch, RateWatch, Watchdog
-
-MOMENTS = st.floats(0.0, 1e9)
-TIMEOUTS = st.floats(1e-3, 1e3)
 
 
 @pytest.mark.parametrize('timeout', [0.0, -0.0, -1.0, math.nan, math.inf, -math.inf])
@@ -20,69 +18,39 @@ def test_timeout_that_never_or_always_expires_is_refused(timeout: float) -> None
         Watchdog(timeout)
 
 
-def test_never_heard_is_expired_near_time_zero_too() -> None:
+@pytest.mark.parametrize(
+    ('fed', 'now', 'expired'),
+    [
+        ([], 0.0, True),  # near time zero, too
+        ([], 1e9, True),
+        ([10.0], 10.0, False),
+        ([10.0], 10.2499, False),
+        ([10.0], 10.25, True),
+        ([10.0], 9.999, True),  # a clock that ran backwards
+        ([10.0], math.nan, True),
+        ([10.0, math.nan], 10.0, True),
+        ([10.0, 'reset'], 10.0, True),
+        ([10.0, 11.0], 11.1, False),
+    ],
+)
+def test_fresh_up_to_the_deadline_and_not_at_it(
+    fed: Sequence[float | str], now: float, expired: bool
+) -> None:
     watchdog = Watchdog(0.25)
-    for now in (0.0, 0.1, 1e9):
-        assert watchdog.expired(now)
-    assert not watchdog.heard
-    assert watchdog.age(0.0) == math.inf
-    assert watchdog.deadline == math.inf
+    for each in fed:
+        watchdog.reset() if isinstance(each, str) else watchdog.feed(each)
+    assert watchdog.expired(now) is expired
+    assert watchdog.heard is (bool(fed) and fed[-1] != 'reset')
+    if not watchdog.heard:
+        assert (watchdog.age(now), watchdog.deadline) == (math.inf, math.inf)
 
 
-def test_fresh_up_to_the_deadline_and_not_at_it() -> None:
-    watchdog = Watchdog(0.25)
-    watchdog.feed(10.0)
-    assert watchdog.heard
-    assert not watchdog.expired(10.0)
-    assert not watchdog.expired(10.2499)
-    assert watchdog.expired(10.25)
-    assert watchdog.expired(11.0)
-
-
-@given(MOMENTS, TIMEOUTS)
+@given(st.floats(0.0, 1e9), st.floats(1e-3, 1e3))
 def test_whoever_wakes_at_the_deadline_finds_it_expired(last: float, timeout: float) -> None:
     watchdog = Watchdog(timeout)
     watchdog.feed(last)
     assert watchdog.expired(watchdog.deadline)
     assert not watchdog.expired(math.nextafter(watchdog.deadline, -math.inf))
-
-
-def test_clock_that_ran_backwards_is_not_fresh() -> None:
-    watchdog = Watchdog(0.25)
-    watchdog.feed(10.0)
-    assert watchdog.expired(9.999)
-
-
-def test_nan_is_not_fresh() -> None:
-    watchdog = Watchdog(0.25)
-    watchdog.feed(10.0)
-    assert watchdog.expired(math.nan)
-    watchdog.feed(math.nan)
-    assert watchdog.expired(10.0)
-
-
-def test_reset_forgets() -> None:
-    watchdog = Watchdog(0.25)
-    watchdog.feed(10.0)
-    watchdog.reset()
-    assert watchdog.expired(10.0)
-    assert watchdog.deadline == math.inf
-
-
-def test_recovers_when_heard_again() -> None:
-    watchdog = Watchdog(0.25)
-    watchdog.feed(10.0)
-    assert watchdog.expired(11.0)
-    watchdog.feed(11.0)
-    assert not watchdog.expired(11.1)
-    assert watchdog.deadline == 11.25
-
-
-def test_age_is_told_in_words() -> None:
-    watchdog = Watchdog(0.25)
-    assert watchdog.describe(1.0) == 'never heard, limit 250 ms'
-    watchdog.feed(1.0)
-    assert watchdog.describe(1.312) == 'last heard 312 ms ago, limit 250 ms'
 
 
 @pytest.mark.parametrize(
@@ -98,27 +66,28 @@ def test_age_is_told_in_words() -> None:
 )
 def test_ages_are_said_in_a_unit_that_is_read_at_a_glance(seconds: float, text: str) -> None:
     watchdog = Watchdog(0.25)
+    assert watchdog.describe(1.0) == 'never heard, limit 250 ms'
     watchdog.feed(100.0)
     assert watchdog.describe(100.0 + seconds) == f'last heard {text} ago, limit 250 ms'
 
 
-def test_freeze_is_noticed_by_whoever_looks_first_and_settles_after_a_while() -> None:
+@pytest.mark.parametrize(
+    ('looks', 'now', 'settling'),
+    [
+        ([], 100.0, False),  # the first look, whenever that is
+        ([100.0, 100.25], 100.25, False),  # exactly the limit
+        ([100.0, 100.25], 101.0, True),  # noticed by whoever looks first
+        ([100.0, 100.25, 101.0, 101.25], 101.4375, True),
+        ([100.0, 100.25, 101.0, 101.25], 101.5, False),
+        ([0.0, 1.0, 1.375, 1.625], 1.8125, True),  # the second one begins it anew
+        ([0.0, 1.0, 1.375, 1.625], 1.875, False),
+    ],
+)
+def test_freeze_settles_after_a_while(looks: Sequence[float], now: float, settling: bool) -> None:
     watch = FreezeWatch(0.25, 0.5)
-    assert not watch.settling(100.0)  # the first look, whenever that is
-    watch.look(100.25)
-    assert not watch.settling(100.25)  # exactly the limit
-    assert watch.settling(101.0)
-    watch.look(101.25)
-    assert watch.settling(101.4375)
-    assert not watch.settling(101.5)
-
-
-def test_freeze_amid_the_settling_begins_it_anew() -> None:
-    watch = FreezeWatch(0.25, 0.5)
-    for now in (0.0, 1.0, 1.375, 1.625):
-        watch.look(now)
-    assert watch.settling(1.8125)
-    assert not watch.settling(1.875)
+    for each in looks:
+        watch.look(each)
+    assert watch.settling(now) is settling
 
 
 @pytest.mark.parametrize(('parts', 'exceeds'), [(15, False), (16, True)])

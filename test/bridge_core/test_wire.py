@@ -13,7 +13,6 @@ import pytest
 
 from bridge_core.report import Report
 from bridge_core.session import Level, Verdict
-from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.tap import Chunk, Tap, tap_pair
 from stage.link_rig import fails, fault, PACE
 from stage.wire_rig import WireBench
@@ -432,21 +431,6 @@ def test_activation_that_fails_is_told_and_one_that_contradicts_leaves_what_runs
     assert bench.ends[-1] == (2, told)
     assert bench.wire.status.is_open is not bench.expects_fault
     assert bench.port.calls['close'] == bench.expects_fault
-
-
-def test_check_of_a_bridge_tries_session_and_port() -> None:
-    checked: list[str] = []
-
-    def make(values: dict[str, Any]) -> Any:
-        checked.append('session')
-
-    def check(values: dict[str, Any]) -> None:
-        checked.append('port')
-
-    Bridge[Any]('none', make, make).check({})
-    assert checked == ['session']
-    Bridge[Any]('none', make, make, check_port=check).check({})
-    assert checked == ['session', 'session', 'port']
 
 
 # What was lost on the way to the owner.
