@@ -190,6 +190,8 @@ class Bench(SessionBench[Session]):
           ``says stands``: what the unit says besides, from now on. ``turn``, ``stand``.
         - ``wait 0.5``: hear nothing. ``late 0.5``: do not even look.
         - ``find``, ``open``, ``close``, ``lost``: the unit; the port; what was heard.
+        - ``told``, ``told on``, ``told lost``: that there was no session before, or one, or one
+          whose wire was lost.
         - ``ask enter_setup``, ``directions 9``, ``limit``: of the session.
         - ``mark``: forget what was sent and told.
         """
@@ -219,6 +221,7 @@ class Bench(SessionBench[Session]):
             'find': self.find_unit,
             'open': lambda: SessionBench.open(self),
             'close': self.close,
+            'told': self._told,
             'lost': lambda: session.interrupted('messages were lost', self.now),
             'ask': lambda name: session.request(Request(name), self.now),
             'directions': lambda number: session.set_directions(int(number), self.now),
@@ -234,6 +237,10 @@ class Bench(SessionBench[Session]):
             self.now += float(rest[0])
         else:
             self._tell(verb, rest)
+
+    def _told(self, before: str = '') -> None:
+        handover = Handover() if before else None
+        self.session.take_over(handover, before == 'lost', self.now)
 
     def _blink(self) -> None:
         for value in (True, False):

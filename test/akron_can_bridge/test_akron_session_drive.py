@@ -293,6 +293,7 @@ def test_stop_leaves_no_target_to_travel_to() -> None:
 
 # -- SOE permission -------------------------------------------------------------------------------
 
+HEARD = 'say unit outputs well'
 PUSHED = 'find; 0.1 rest; 0.1 move; '
 LIMITED = f'{PUSHED}directions 9; '  # down and right only
 STEADY = {'estop_on': frozenset({Cause.FOREIGN_JOYSTICK})}  # a lost link is no stop
@@ -307,6 +308,12 @@ PERMITTED: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, 
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest', '0 F 0'),
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest; do move', '0 F 0 F'),
     ({'link_timeout': 0.6}, f'{PUSHED}0.1 rest; wait 1; 1 rest', '0 F 0'),
+    # Before it was told what a session before it knew it permits nothing; that one's is no push.
+    ({}, f'open; {HEARD}; 0.5 rest; 0.1 move', '0'),
+    ({}, f'open; {HEARD}; 0.5 rest; told; 0.1 rest; 0.1 move', '0 F'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest', '0'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest; 0.1 move; told on; 0.1 move', '0 F'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest; 0.1 move; 0.1 rest stop; told lost; 1 rest', '0 F 0'),
     # Directions are permitted one by one, and have to be repeated once they were said.
     ({}, LIMITED, '0 F 9'),
     ({}, f'{LIMITED}0.2; clear; wait 0.049', '0 F 9'),

@@ -172,23 +172,6 @@ def test_stop_pauses_an_oscillation_of_ours_where_no_other_unit_hears_it(
     assert (bench.moved(2.0) == 0.0) is bool(pressed)  # what is paused does not resume by itself
 
 
-@pytest.mark.parametrize('told', ['on', 'off'])
-@pytest.mark.parametrize('axis', [1, 2])
-@pytest.mark.parametrize('options', [AUTOMATIC, PAUSES])
-def test_hand_that_moves_a_unit_whose_oscillation_is_paused_has_none_resumed(
-    told: str, axis: int, options: dict[str, Any]
-) -> None:
-    bench = Loop(**options)
-    for line in (f'pausetold {told}', 'oscillate on', 'pause on', f'physical {axis} 0.3'):
-        bench.unit.apply(line)
-    bench.run(1.5)
-    bench.ours.stop = True
-    bench.run(3.0)
-    assert sum(switch_7(bench)) == 0
-    bench.unit.apply(f'physical {axis} 0')
-    assert bench.moved(1.0) == 0.0
-
-
 @pytest.mark.parametrize('asks', ['stick x -1', 'switch 8 on'])
 def test_motion_by_a_foreign_joystick_is_a_stop(asks: str) -> None:
     stick = JoystickSimulator(0x34)
@@ -379,16 +362,3 @@ def test_the_trap_between_two_manuals_is_sprung_and_told() -> None:
     bench.ours.command = MOVE
     bench.run(0.2)
     assert not bench.session.drive.moving
-
-
-def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
-    # 0.35 s without a frame: with a longer timeout that is no stop.
-    bench = Loop(link_timeout=0.5).move()
-    bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
-    start = bench.now
-    for _ in range(100):
-        bench.run(0.01)
-        assert not bench.session.estop
-    assert bench.session.finder.address == bench.unit.address == 0x81
-    assert bench.moved(0.5) > 0.0
-    assert bench.now - start < 2.0
