@@ -86,6 +86,10 @@ def test_what_lies_beyond_the_basic_joystick_is_not_looked_at() -> None:
     assert sent([0.0, 0.0, NAN, 9.0], [0] * 12 + [7, 7]) == (NEUTRAL, NO_TARGETS)
 
 
+def test_grips_that_are_left_out_are_no_targets() -> None:
+    assert sent([0.0, 0.0], extended=True) == (NEUTRAL, NO_TARGETS)
+
+
 @pytest.mark.parametrize('number', range(12))
 def test_each_button_is_its_switch(number: int) -> None:
     basic, extended = sent([0.0, 0.0], pressed(number))
@@ -219,6 +223,17 @@ def test_outputs_and_inputs_are_the_manuals() -> None:
     assert values(status)['riser command'] == '0'
     assert status.level == DiagnosticStatus.OK
     assert convert.outputs(None, None, None, '').level == DiagnosticStatus.STALE
+
+
+def test_faulted_riser_is_a_warning() -> None:
+    mini = MiniOutputs.from_bytes(bytes.fromhex('84C000'))
+    status = convert.outputs(None, mini, None, '')
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, '6033: device faulted')
+
+
+def test_outputs_without_a_6033_are_no_fault() -> None:
+    status = convert.outputs(DigitalOutputs.from_bytes(GOLDEN['digital outputs']), None, None, '')
+    assert (status.level, status.message) == (DiagnosticStatus.OK, 'ok')
 
 
 NAME = Name(1035, 326, function=66, industry_group=1)

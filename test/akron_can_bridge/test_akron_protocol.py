@@ -202,6 +202,11 @@ def test_least_and_greatest_pin(pin: str) -> None:
     assert p.AddressAnnouncement.from_bytes(announced.to_bytes()) == announced
 
 
+def test_pin_beyond_its_bits_is_refused() -> None:
+    with pytest.raises(ValueError, match='digits 7-15'):
+        p.AddressAnnouncement(f'0000AE{1 << 29:09}')
+
+
 def test_names_contend_by_all_their_bits() -> None:
     low, high = p.Name(1, 326, industry_group=1), p.Name(0, 326, industry_group=1, reserved=1)
     assert low.value < high.value
@@ -499,3 +504,9 @@ def test_device_types_are_the_product_numbers_from_1032_on() -> None:
         1042: 3,
         1052: 3,
     }
+
+
+def test_addresses_and_times_of_appendix_b_and_a1() -> None:
+    assert list(p.JOYSTICK_ADDRESSES) == [0x33, 0x34, 0x35, 0x36, 0x37, 0x38]
+    assert (p.JOYSTICK_PERIOD, p.JOYSTICK_TIMEOUT) == (0.02, 0.2)
+    assert (p.PERMISSIVE_PERIOD, p.PERMISSIVE_TIMEOUT) == (0.1, 0.3)

@@ -48,6 +48,19 @@ def started() -> Finder:
     return finder
 
 
+def test_unit_that_was_never_heard_has_no_type() -> None:
+    assert Finder(Settings()).device_type == 0
+    assert Finder(Settings(unit_address=UNIT, device_type=1032)).device_type == 1032
+
+
+def test_new_start_forgets_the_devices() -> None:
+    finder = started()
+    finder.announced(0x81, OTHER, NOW)
+    assert finder.devices == {OTHER_PIN: 0x81}
+    finder.start(NOW + 1.0)
+    assert finder.devices == {}
+
+
 @pytest.mark.parametrize(
     ('asked', 'name', 'after', 'restarted'),
     [

@@ -119,6 +119,18 @@ def test_step_at_the_moment_at_which_it_stands_begins_anew() -> None:
     assert not motion.moving(motion.began_at)
 
 
+def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
+    motion = turning(100, 110, 120)
+    motion.forget_angles()
+    assert (motion.began_at, motion.ends_at) == (-math.inf, -math.inf)
+    assert not motion.moving(NOW + 2 * PERIOD)
+    since = NOW + 3 * PERIOD
+    turning(200, 210, motion=motion, since=since)
+    assert not motion.moving(since + PERIOD)
+    turning(220, motion=motion, since=since + 2 * PERIOD)
+    assert motion.moving(since + 2 * PERIOD)
+
+
 SWITCH_4, SWITCH_7, SWITCH_8, SWITCH_9 = 4, 7, 8, 9
 AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
 

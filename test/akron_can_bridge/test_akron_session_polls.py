@@ -271,8 +271,10 @@ def test_request_that_cannot_be_now_is_refused_in_words(
 VISTA = {'vista_rate': 10.0}
 ASKED: list[tuple[dict[str, Any], str, str, int, int]] = [
     # Settings, what happens, a poll, and how often it is sent after the mark at least and at most.
-    ({'unit_address': UNIT}, 'open; mark; say 7D04010000000000; wait 3', '02', 0, 0),  # unheard
+    ({'unit_address': UNIT}, 'open; mark; say right; wait 3', '02', 0, 0),  # unheard
+    ({'unit_address': UNIT}, 'open; mark; say right; wait 3', '03', 0, 0),
     ({'unit_address': UNIT}, 'open; mark; say outputs', '02', 1, 1),
+    *(({}, 'open; say unit', poll, 1, 1) for poll in ('02', '03', '04', '05')),
     ({}, 'find; mark; 5', '21', 0, 0),
     (VISTA, 'find; mark; 1', '21', 9, 11),
     (VISTA, 'find; wait 0.4; mark; wait 1', '21', 0, 0),  # it is silent
@@ -366,3 +368,10 @@ def test_unit_that_may_be_in_setup_mode_is_not_moved_until_it_was_reset(
     if may_be:
         bench.play('ask reset_controller; 2 gone; say unit outputs well; 0.1 rest')
         assert bench.session.inhibits(bench.now) == []
+
+
+def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> None:
+    bench = Turning(automatic_motion=True)
+    bench.play('find; 2 rest; 0.1 deploy; turn; 0.4 rest; 0.1 rest stop')
+    assert bench.session.demand.withheld
+    assert 'SOE permission' not in str(bench.session.problems(bench.now))

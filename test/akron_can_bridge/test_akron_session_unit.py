@@ -421,6 +421,11 @@ FIGURES: list[tuple[dict[str, Any], list[CanFrame], dict[str, Any]]] = [
         [OTHER_ANNOUNCED],
         {'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)'},
     ),
+    (
+        {'unit_address': 0x90},
+        [moved(OUTPUTS, 0x90)],
+        {'unit': 'at 90', 'type': '6032 Universal II'},
+    ),
     ({}, [ANNOUNCED, *TURNS], {'motion reported': 'moves'}),
     (
         {},

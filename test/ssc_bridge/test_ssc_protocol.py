@@ -129,6 +129,14 @@ def test_every_length_of_every_message_is_as_in_4_2() -> None:
     assert protocol.BAUD == 115_200
 
 
+def test_golden_sources_in_words_with_the_nibble_raw() -> None:
+    message = protocol.decode(GOLDEN['channel source'])
+    assert isinstance(message, ChannelSource)
+    texts = [selection.text() for selection in message.selections]
+    assert texts == ['PIN 4 (nibble 3)', 'PINv 5 (nibble 4)', 'CONST', 'SERIAL', 'LAST']
+    assert message.selections[0].text(first_nibble=1) == 'PIN 3 (nibble 3)'
+
+
 @pytest.mark.parametrize(('message', 'frame'), LAYOUTS, ids=lambda value: type(value).__name__)
 def test_layouts_of_4_2_both_ways(message: Any, frame: bytes) -> None:
     assert message.to_bytes() == frame

@@ -138,6 +138,22 @@ def test_command_state_is_a_stop_exactly_if_configured(
     assert rig.of(CommandStateChanged) == [CommandStateChanged(CommandState(STATES[state]))]
 
 
+@pytest.mark.parametrize(
+    'script',
+    [
+        *('30', 'mute; 40', 'silent; 40', 'available; 40; lockout', '10 us=1500'),
+        'src all=0; mute 11 15; lost',
+    ],
+)
+def test_deadline_is_never_past_once_all_was_done(script: str) -> None:
+    rig = Rig(**STICKS).start().play(script)
+    for _ in range(50):
+        rig.now = max(rig.session.deadline(), rig.now)
+        rig.poll()
+        rig.poll()  # what the answers have brought
+        assert rig.session.deadline() > rig.now
+
+
 def test_echoed_frames_are_told_apart_and_vouch_for_nothing() -> None:
     session = Session(Settings())
     _, frames = session.opened(0.0)
@@ -442,6 +458,13 @@ def test_link_in_figures() -> None:
     assert rig.play('mute; lost').session.values(rig.now)['configuration menus'] == 'unknown'
 
 
+def test_figures_of_a_link_on_which_nothing_was_heard_or_commanded() -> None:
+    values = Session(Settings()).values(0.0)
+    assert [text for text in values.values() if text != 0] == [
+        *('unknown', 'none', 'none', 'there are none', 'not read yet')
+    ]
+
+
 @pytest.mark.parametrize(
     ('changes', 'text'),
     [
@@ -540,3 +563,8 @@ def test_bad_setting_is_rejected(name: str, value: Any) -> None:
     field = {'servo.tilt.channel': 'servos', 'axes, buttons': 'axes'}.get(name, name)
     with pytest.raises(ValueError, match=name):
         Settings(**{field: value})
+
+
+def test_position_of_1_5_ms_and_a_stop_of_it_contradict_each_other() -> None:
+    with pytest.raises(ValueError, match='lost_link_is_stop'):
+        Settings(estop_states=frozenset({CommandState.MS_1_5}), lost_link_is_stop=False)
