@@ -72,6 +72,27 @@ def test_claims_its_address_and_announces_it_when_nobody_contends() -> None:
     assert min(bus.times('18EFFF80', '01')) >= announced
 
 
+def test_no_address_left_is_said_and_it_stays_silent() -> None:
+    unit = Simulator()
+    bus = Bus(unit)
+    bus.run(0.0)
+    for address in range(0x81, 0xF8):
+        bus.say(f'18EEFF{address:02X}', f'{address:02X}00000000000000')
+    bus.say('18EEFF80', '0000000000000000').run(1.0)
+    assert bus.of('18EEFFFE') == [GOLDEN['name'][1]]
+    assert [heard for heard in bus.heard if heard.sender is unit] == bus.heard[-1:]
+
+
+def test_name_request_is_answered_by_the_name_and_then_the_announcement() -> None:
+    bench = Bench()
+    bench.run(0.0).say('18EAFFFF', '00EE00').run(0.01)
+    told = [heard.frame.data.hex().upper() for heard in bench.heard]
+    expected = [GOLDEN['name'][1], GOLDEN['address announcement'][1]]
+    assert [data for data in told if data in expected] == expected
+    bench.say('18EAFFFF', '00EF00').run(0.01)
+    assert GOLDEN['name'][1] not in [heard.frame.data.hex().upper() for heard in bench.heard]
+
+
 @pytest.mark.parametrize(
     ('name', 'address', 'said'), [('FF' * 8, '80', 0), ('00' * 8, '81', 1)], ids=['high', 'low']
 )
@@ -217,6 +238,15 @@ def test_reset_silences_it_until_it_claims_and_announces_again() -> None:
     assert min(own) == pytest.approx(sent_at + BOOT_TIME)
     assert len(bench.of('18EFFF80', 'FF')) == 1
     assert bench.of('18EF0580') == []  # not acknowledged
+
+
+def test_only_the_devices_of_the_manual_take_a_request() -> None:
+    bench = Bench(device_type=1033)
+    for request in ('21', '41', '45', '46'):
+        bench.say('18EF8005', request)
+    bench.run(0.3)
+    assert bench.of('18EF0580') == []
+    assert bench.described['rejected'] == 4
 
 
 def test_muted_or_switched_off_says_nothing() -> None:

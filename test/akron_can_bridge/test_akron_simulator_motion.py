@@ -228,3 +228,13 @@ def test_joystick_can_be_broken(line: str, data: str) -> None:
     joystick = JoystickSimulator()
     joystick.apply(line)
     assert set(Bus(joystick).run(0.1).of(STICK)) == {data}
+
+
+def test_joystick_that_loses_its_address_says_so_and_is_silent() -> None:
+    joystick = JoystickSimulator()
+    bus = Bus(joystick).run(0.1)
+    bus.say('18EEFF33', '0000000000000000').run(0.5)
+    assert len(bus.of('18EEFFFE')) == 1
+    assert bus.of(STICK) == []
+    joystick.apply('address 34')
+    assert len(bus.run(0.5).of('0CFDD634')) == pytest.approx(25, abs=1)

@@ -289,6 +289,14 @@ def test_menus_set_what_they_show(keys: str, shown: str) -> None:
     assert ' '.join(shown.split()) in ' '.join(screen.split())
 
 
+def test_more_than_sixteen_outputs_need_the_key_m() -> None:
+    device = Device(quiet(inputs=4)).enter_menus()
+    assert 'G) 16' in ' '.join(device.press('2').split())
+    screen = ' '.join(device.press('m').split())
+    assert '4) 20' in screen
+    assert 'G)' not in screen
+
+
 def test_secondary_port_is_silent_and_deaf() -> None:
     device = Device(Settings(primary=2)).run(2.0).hear(GOOD)
     assert (device.data, device.simulator.received) == (b'', {})
