@@ -99,7 +99,6 @@ FRAMES = {  # by what a script calls them; `stick` is neutral, `right` is held t
     'oscillates': OSCILLATES,
     'stands': STANDS,
     'aims': ef('83D051'),
-    'name': NAME,
     'thief': name('0100000000000000', UNIT),
     'disabled': NOT_ENABLED,
     'stick': joystick(),

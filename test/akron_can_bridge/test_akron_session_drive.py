@@ -326,7 +326,7 @@ PERMITTED: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, 
     (STICK, 'find; 0.02; say right; 0.02; say stick', '0'),
     (STICK, STICK_PUSHED, '0 F'),
     (STICK, f'{STOPPED}0.02; say right', '0 F 0'),  # it is held
-    (STICK, f'{STOPPED}0.02; say stick; 0.02; say broken', '0 F 0'),
+    (STICK, f'{STOPPED}0.02; say stick; 0.02; say broken; 0.02; say right', '0 F 0'),
     (STICK, f'{STOPPED}0.02; say stick@34; 0.02; say right@34', '0 F 0'),  # that is a stop
     (STICK, f'{STOPPED}say stick@34; 1.1; say stick; 0.02; say right', '0 F 0 F'),
     # A lost link takes it, whatever is held meanwhile.
