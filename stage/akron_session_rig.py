@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Status
-from akron_can_bridge.session import Handover, Session, Settings
+from akron_can_bridge.session import Handover, Request, Session, Settings
 from bridge_core.j1939 import CanFrame
 from bridge_core.mux_words import MuxWords
 from bridge_core.session import RETRY
@@ -84,6 +84,29 @@ WATER = (  # switch 3, that moves nothing
     BasicJoystick(Axis.of(0), Axis.of(0), tuple(Status(n == 3) for n in range(1, 13))),
     ExtendedJoystick(),
 )
+COMMANDS = {
+    'rest': REST,
+    'move': MOVE,
+    'water': WATER,
+    'deploy': DEPLOY,
+    'oscillate': OSCILLATE,
+}
+FRAMES = {  # by what a script calls them; `stick` is neutral, `right` is held to the right
+    'unit': ANNOUNCED,
+    'outputs': OUTPUTS,
+    'well': NO_FAULTS,
+    'other': OTHER_ANNOUNCED,
+    'oscillates': OSCILLATES,
+    'stands': STANDS,
+    'aims': ef('83D051'),
+    'thief': name('0100000000000000', UNIT),
+    'disabled': NOT_ENABLED,
+    'stick': joystick(),
+    'right': joystick('107D010000000000'),
+    'back': joystick('0100046400000000'),
+    'broken': joystick('127D010000000000'),
+    'setup': ef('46', destination=OURS),
+}
 E = TypeVar('E')
 
 
@@ -153,6 +176,79 @@ class Bench(SessionBench[Session]):
         assert self.joystick_frames()[-1] == MOVING
         return self
 
+    def play(self, script: str) -> Bench:
+        """
+        Carry out a script of steps, divided by ';'; return itself.
+
+        - ``0.5 move stop``: run so many seconds, with a command or without one; ``stop`` and
+          ``silent`` are of the e-stop input, ``gone`` of the unit.
+        - ``do move``: command once; ``refuse``: one without sense. ``estop``, ``clear``: of the
+          e-stop input, once; ``blink``: both at once.
+        - ``say right@34 unit``: these FRAMES come, from their own sender or from an address;
+          so does a message of PGN EF00, ``83C051``.
+          ``says stands``: what the unit says besides, from now on. ``turn``, ``stand``.
+        - ``wait 0.5``: hear nothing. ``late 0.5``: do not even look.
+        - ``find``, ``open``, ``close``, ``lost``: the unit; the port; what was heard.
+        - ``told``, ``told on``, ``told lost``: that there was no session before, or one, or one
+          whose wire was lost.
+        - ``ask enter_setup``, ``directions 9``, ``limit``: of the session.
+        - ``mark``: forget what was sent and told.
+        """
+        for step in filter(None, map(str.strip, script.split(';'))):
+            verb, *rest = step.split()
+            if verb[0].isdecimal():
+                self._run(float(verb), rest)
+            else:
+                self._step(verb, rest)
+        return self
+
+    def _run(self, seconds: float, words: list[str]) -> None:
+        command = next((COMMANDS[word] for word in words if word in COMMANDS), None)
+        estop = None if 'silent' in words else 'stop' in words
+        self.run(seconds, command, estop=estop, unit='gone' not in words)
+
+    def _step(self, verb: str, rest: list[str]) -> None:
+        session = self.session
+        steps: dict[str, Callable[..., Any]] = {
+            'do': lambda name: session.set_command(*COMMANDS[name], self.now),
+            'refuse': lambda: session.refuse_command('axis 0 is nan', self.now),
+            'estop': lambda: session.set_estop(True, self.now),
+            'clear': lambda: session.set_estop(False, self.now),
+            'blink': self._blink,
+            'say': lambda *names: self.take(*map(_frame, names)),
+            'wait': lambda seconds: self.wait(float(seconds)),
+            'find': self.find_unit,
+            'open': lambda: SessionBench.open(self),
+            'close': self.close,
+            'told': self._told,
+            'lost': lambda: session.interrupted('messages were lost', self.now),
+            'ask': lambda name: session.request(Request(name), self.now),
+            'directions': lambda number: session.set_directions(int(number), self.now),
+            'limit': lambda: session.limit_directions(self.now),
+        }
+        if verb in steps:
+            steps[verb](*rest)
+            self.poll()
+        elif verb == 'mark':
+            self.sent.clear()
+            self.events.clear()
+        elif verb == 'late':
+            self.now += float(rest[0])
+        else:
+            self._tell(verb, rest)
+
+    def _told(self, before: str = '') -> None:
+        handover = Handover() if before else None
+        self.session.take_over(handover, before == 'lost', self.now)
+
+    def _blink(self) -> None:
+        for value in (True, False):
+            self.session.set_estop(value, self.now)
+
+    def _tell(self, verb: str, rest: list[str]) -> None:
+        """Have the unit do something else from now on."""
+        raise ValueError(f'{verb} is no step: {rest}')
+
     def frames(self, identifier: int, since: float = 0.0) -> list[bytes]:
         """Return the data of what was sent with this identifier."""
         return [f.data for at, f in self.sent if at >= since and f.identifier == identifier]
@@ -185,6 +281,14 @@ class Turning(Bench):
         place = f'01{int(self._tenths + 1e-6):03X}4{self.elevation}000041'
         return self.take(OUTPUTS, ef(place), *self.says)
 
+    def _tell(self, verb: str, rest: list[str]) -> None:
+        if verb in ('turn', 'stand'):
+            self.turns = verb == 'turn'
+        elif verb == 'says':
+            self.says = list(map(_frame, rest))
+        else:
+            super()._tell(verb, rest)
+
     def ready(self, before: Handover | None = None) -> Turning:
         """Have the unit found, at rest for long."""
         self.find_unit(before)
@@ -204,6 +308,12 @@ def oscillating(**options: Any) -> Turning:
     bench.run(1.0, REST)
     assert not bench.session.estop
     return bench
+
+
+def _frame(word: str) -> CanFrame:
+    what, _, source = word.partition('@')
+    frame = FRAMES.get(what) or ef(what)
+    return moved(frame, int(source, 16)) if source else frame
 
 
 def permission(bench: Bench) -> str:

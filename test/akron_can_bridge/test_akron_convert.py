@@ -53,29 +53,41 @@ def pressed(*numbers: int) -> list[int]:
 # -- commands -------------------------------------------------------------------------------------
 
 
-def test_centred_joy_is_the_neutral_frame() -> None:
-    assert sent([0.0, 0.0]) == (NEUTRAL, NO_TARGETS)
-    assert sent([-0.0, 0.0004], [0] * 12) == (NEUTRAL, NO_TARGETS)
+BASIC, EXTENDED = (GOLDEN[f'{name} joystick'].hex().upper() for name in ('basic', 'extended'))
+NAN = math.nan
+SENT: list[tuple[list[float], list[int], str, str]] = [
+    # Axes, buttons, and the two frames; targets are allowed where there are more than two axes.
+    ([0.0, 0.0], [], NEUTRAL, NO_TARGETS),
+    ([-0.0, 0.0004], [0] * 12, NEUTRAL, NO_TARGETS),
+    # The manual's: 50 % right, 40 % back, switch 2. Left and forward are positive in Joy.
+    ([-0.5, -0.4], pressed(1), BASIC, NO_TARGETS),
+    ([0.0, 0.0, -0.5, -0.4], pressed(14), NEUTRAL, EXTENDED),
+    # By hand: 1000 is 3E8 hex; left is 04, right 10, forward 10, back 04.
+    ([1.0, 1.0], [], '04FA10FA00000000', NO_TARGETS),
+    ([1.05, -1.05], [], '04FA04FA00000000', NO_TARGETS),
+    ([-1.05, 1.05], [], '10FA10FA00000000', NO_TARGETS),
+    # A grip at 0 is a target, if not all are.
+    ([0.0, 0.0, 0.0004], [], NEUTRAL, '0100FFFFFFFF0000'),
+    ([0.0, 0.0, 0.5, 0.0], [], NEUTRAL, '047D0100FFFF0000'),
+    ([0.0, 0.0, 0.0, 0.0], [], NEUTRAL, NO_TARGETS),
+    # What lies beyond is not looked at.
+    ([0.0] * 5 + [NAN], [0] * 16 + [7], NEUTRAL, NO_TARGETS),
+]
 
 
-def test_left_and_forward_are_positive_in_joy() -> None:
-    # The manual's frame: 50 % right, 40 % back, switch 2.
-    basic, _ = sent([-0.5, -0.4], pressed(1))
-    assert bytes.fromhex(basic) == GOLDEN['basic joystick']
-    # By hand: 1000 is 3E8 hex; left is 04, forward 10.
-    assert sent([1.0, 1.0])[0] == '04FA10FA00000000'
+@pytest.mark.parametrize(('axes', 'buttons', 'basic', 'extended'), SENT)
+def test_joy_becomes_two_frames(
+    axes: list[float], buttons: list[int], basic: str, extended: str
+) -> None:
+    assert sent(axes, buttons, extended=len(axes) > 2) == (basic, extended)
 
 
-def test_grips_and_further_switches_are_the_manuals() -> None:
-    _, extended = sent([0.0, 0.0, -0.5, -0.4], pressed(14), extended=True)
-    assert bytes.fromhex(extended) == GOLDEN['extended joystick']
+def test_what_lies_beyond_the_basic_joystick_is_not_looked_at() -> None:
+    assert sent([0.0, 0.0, NAN, 9.0], [0] * 12 + [7, 7]) == (NEUTRAL, NO_TARGETS)
 
 
 def test_grips_that_are_left_out_are_no_targets() -> None:
-    assert sent([0.0, 0.0], extended=True)[1] == NO_TARGETS
-    # A grip at 0 is one, if not all are.
-    assert sent([0.0, 0.0, 0.0004], extended=True)[1] == '0100FFFFFFFF0000'
-    assert sent([0.0, 0.0, 0.5, 0.0], extended=True)[1][4:8] == '0100'
+    assert sent([0.0, 0.0], extended=True) == (NEUTRAL, NO_TARGETS)
 
 
 @pytest.mark.parametrize('number', range(12))
@@ -100,21 +112,6 @@ def test_target_is_refused_unless_automatic_motion_is_allowed() -> None:
     basic, extended = convert.command(Joy(axes=[0.0, 0.0, 0.0, 0.0]), [], extended=True)
     assert Command(basic, extended) == REST
     assert convert.command(Joy(axes=[0.0, 0.0, 0.1]), [])[0] == REST.basic
-
-
-def test_what_lies_beyond_is_not_looked_at() -> None:
-    nan = math.nan
-    assert sent([0.0, 0.0, nan, 9.0], [0] * 12 + [7, 7]) == (NEUTRAL, NO_TARGETS)
-    assert sent([0.0] * 5 + [nan], [0] * 16 + [7], extended=True)[0] == NEUTRAL
-
-
-@pytest.mark.parametrize(
-    ('axes', 'basic'),
-    [([1.05, -1.05], '04FA04FA00000000'), ([-1.05, 1.05], '10FA10FA00000000')],
-)
-def test_slightly_beyond_1_is_full_deflection(axes: list[float], basic: str) -> None:
-    # By hand, as above: right is 10, back 04.
-    assert sent(axes)[0] == basic
 
 
 @pytest.mark.parametrize(

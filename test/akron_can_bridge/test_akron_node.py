@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
@@ -54,61 +55,42 @@ def test_stick_moves_the_unit_and_its_position_comes_back(bench: Bench, unit: St
     bench.drive(unit, up, lambda: bench.joint_states.last.position[1] > 0.05)
 
 
-def test_estop_input_stops_it_and_a_held_stick_does_not_start_it_again(
-    bench: Bench, unit: Station
-) -> None:
-    bench.drive(unit)
-    bench.stop = True
-    bench.wait(lambda: not unit.look('moving'), 'rest')
-    bench.wait(lambda: 'e-stop input is true' in bench.value('neutral because'), 'the reason')
-    bench.stop = False
-    bench.wait(lambda: 'must be neutral once' in bench.value('neutral because'), 'the reason')
-    assert not unit.look('moving')
-    bench.wait(lambda: bench.estop.last == Bool(data=False), 'estop false')
-    bench.drive(unit)
+STOPS: list[tuple[dict[str, Any], str]] = [
+    ({'stop': True}, 'e-stop input is true'),
+    ({'asked': Joy(axes=[float('nan'), 0.0])}, 'command refused: axis 0 is nan'),
+    ({'commanding': False}, 'command is stale'),
+]
 
 
-def test_silent_command_stops_it_with_neutral_and_never_silence(
-    bench: Bench, unit: Station
+@pytest.mark.parametrize(('given', 'reason'), STOPS, ids=[reason for _, reason in STOPS])
+def test_unit_stops_by_neutral_frames_and_starts_again_behind_a_neutral_command(
+    bench: Bench, unit: Station, given: dict[str, Any], reason: str
 ) -> None:
     bench.drive(unit)
     delay = RunDelay([bench.node.process.pid])
-    bench.commanding = False
+    held = {name: getattr(bench, name) for name in given}
+    vars(bench).update(given)
     bench.wait(lambda: not unit.look('moving'), 'rest')
     # Not by the unit's own watchdog, of 0.2 s; unless the machine let it expire.
     assert unit.look('cleared')['38'] == 0 or delay.exceeds(0.15)
-    bench.wait(lambda: unit.joystick_frames(0x38)[-1] == NEUTRAL, 'neutral')
-
-
-def test_malformed_command_is_refused_and_stops(bench: Bench, unit: Station) -> None:
+    bench.wait(lambda: reason in bench.value('neutral because'), 'the reason')
+    vars(bench).update(held)
+    bench.wait(lambda: 'must be neutral once' in bench.value('neutral because'), 'the reason')
+    assert not unit.look('moving')
+    assert bench.estop.last == Bool(data=False)
     bench.drive(unit)
-    bench.asked = Joy(axes=[float('nan'), 0.0])
-    bench.wait(lambda: not unit.look('moving'), 'rest')
-    bench.wait(lambda: 'axis 0 is nan' in bench.value('last refusal', 'link'), 'the refusal')
-    bench.wait(lambda: 'command refused' in bench.value('neutral because'), 'the reason')
 
 
-def test_deactivated_node_goes_on_saying_neutral(bench: Bench, unit: Station) -> None:
+def test_node_says_neutral_while_it_is_configured_and_nothing_before(
+    bench: Bench, unit: Station
+) -> None:
     bench.drive(unit)
     assert bench.observer.change_state(bench.prefix, 'deactivate')
     bench.wait(lambda: not unit.look('moving'), 'rest')
-    assert unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3
     bench.wait_stop(True)
     unit.since = time.monotonic()
     bench.wait(lambda: len(unit.joystick_frames(0x38)) > 20, 'frames')
     assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
-    bench.joint_states.clear()
-    bench.wait(lambda: 'not active' in bench.status('link').message, 'the diagnostic')
-    assert not bench.joint_states.messages  # it does not listen
-    assert bench.observer.change_state(bench.prefix, 'activate')
-    bench.wait_stop(False)
-    bench.drive(unit)
-
-
-def test_unconfigured_node_is_silent_and_a_configured_one_says_neutral(
-    bench: Bench, unit: Station
-) -> None:
-    assert bench.observer.change_state(bench.prefix, 'deactivate')
     assert bench.observer.change_state(bench.prefix, 'cleanup')
 
     def is_silent() -> bool:
@@ -119,7 +101,6 @@ def test_unconfigured_node_is_silent_and_a_configured_one_says_neutral(
     assert bench.observer.change_state(bench.prefix, 'configure')
     bench.wait(lambda: len(unit.joystick_frames(0x38)) > 10, 'frames')
     assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
-    bench.wait_stop(True)
     assert bench.observer.change_state(bench.prefix, 'activate')
     bench.wait_stop(False)
     bench.drive(unit)
@@ -168,21 +149,3 @@ def test_services_answer(bench: Bench, unit: Station) -> None:
     answer = bench.call('reset_controller')
     assert answer.success
     assert 'is back' in answer.message
-
-
-def test_readdressed_in_motion_it_goes_on(bench: Bench, unit: Station) -> None:
-    bench.wait(lambda: bench.value('moves to another address'), 'a diagnostic')
-    moves = int(bench.value('moves to another address'))
-    bench.drive(unit)
-    unit.steer('address 9A')
-    bench.wait(lambda: bench.value('address') == '9A', 'the new address')
-    bench.wait(lambda: bench.device.last.message == '1032AE100801035 at 9A', 'who it is')
-    named = {pair.key: pair.value for pair in bench.device.last.values}
-    assert named['manufacturer'] == '326 (Akron Brass)'
-    count = len(bench.device.messages)
-    bench.wait(lambda: len(bench.device.messages) > count + 2, 'it again')
-    assert int(bench.value('moves to another address')) == moves + 1
-    if not unit.look('moving'):  # a busy machine held its frames up: neutral comes first then
-        bench.drive(unit)
-    bench.joint_states.clear()
-    bench.wait(lambda: bench.joint_states.last is not None, 'positions from there')

@@ -6,29 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import contextlib
 import os
 from pathlib import Path
 import signal
-import time
-from typing import Any
 
 import pytest
-from sensor_msgs.msg import Joy
-from std_msgs.msg import Bool, UInt8
+from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
-from rugged_teleop.canbuses import frames
 from stage.akron_node_rig import Bench, bench_of, NEUTRAL, START_LIMIT, Station
 from stage.can_rig import CanBus
-from stage.endings import each_ending
-from stage.rig import Observer
-from stage.run_delay import RunDelay, WIRE_HELD_UP
+from stage.endings import first_of
+from stage.rig import ENDING, Observer
 from stage.toy_rig import is_running, spares_of, wires_of
 
-pytestmark = pytest.mark.waits(80)
-LET_GO, PRESS = (Joy(axes=[0.0, 0.0], buttons=[button]) for button in (0, 1))
-PAUSE = bytes.fromhex('0100010000000400')
+pytestmark = pytest.mark.waits(55)
 
 
 @pytest.fixture
@@ -38,14 +30,14 @@ def own_unit(can_bus: CanBus) -> Iterator[Station]:
         yield station
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])
-def test_node_that_dies_leaves_neutral_frames(
+@pytest.mark.parametrize('number', [*first_of(*ENDING), signal.SIGKILL, signal.SIGSEGV])
+def test_node_that_ends_or_dies_leaves_neutral_frames(
     observer: Observer, can_bus: CanBus, own_unit: Station, number: int
 ) -> None:
     with bench_of(observer, can_bus) as bench:
         bench.connect().drive(own_unit)
         wire = wires_of(bench.node.process.pid)[0]
-        bench.node.end(number)
+        assert (bench.node.end(number) == 0) is (number in ENDING)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
         # What it said last may still be on its way to the unit.
         bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
@@ -66,110 +58,6 @@ def name_of(pid: int) -> str:
 def lose_wire(bench: Bench) -> None:
     os.kill(wires_of(bench.node.process.pid)[0], signal.SIGKILL)
     bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
-
-
-def test_stop_pauses_an_oscillation_of_ours_once_and_says_so(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    given = {
-        'automatic_motion': True,
-        'button_switches': [4],
-        'pause_on_stop': True,
-        'coast_time': 5.0,
-    }
-    own_unit.steer('pausetold on')
-    with bench_of(observer, can_bus, given) as bench:
-        bench.connect()
-
-        def oscillates() -> Any:
-            """Press until it does: a busy machine may make two of a press, which end it."""
-            bench.drive(own_unit, PRESS)
-            bench.asked = LET_GO
-            bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral')
-            return own_unit.look('oscillating')
-
-        def pauses() -> bool:
-            """Oscillate, and stop; anew if a busy machine had the session doubt whose it is."""
-            own_unit.steer('oscillate off')
-            bench.stop = False
-            delay = RunDelay([bench.node.process.pid])
-            bench.wait(oscillates, 'an oscillation')
-            bench.wait(lambda: bench.value('motion reported') == 'oscillates', 'the report')
-            bench.stop = True
-            with contextlib.suppress(AssertionError):
-                bench.wait(lambda: own_unit.look('paused'), 'the pause', 5.0)
-                return True
-            assert delay.exceeds(WIRE_HELD_UP), 'no pause'
-            return False
-
-        bench.wait(pauses, 'the pause', 60.0)
-        bench.wait(lambda: not own_unit.look('moving'), 'rest')
-        bench.wait(lambda: 'presses switch 7 once' in bench.node.output, 'the line')
-        bench.wait(lambda: bench.value('switch 7 pressed by stops') == '1', 'the count')
-        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'its end')
-        assert own_unit.look('paused')
-
-
-def test_reset_after_a_dead_wire_moves_nothing_that_was_under_way(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    given = {'automatic_motion': True, 'button_switches': [8], 'soe_permissive': True}
-    own_unit.steer('soe on', 'position 1 170')
-
-    def permissions() -> list[bytes]:
-        heard = frames(own_unit.received(own_unit.since))
-        return [f.data[:3] for f in heard if f.identifier == 0x18EF8038 and f.data[0] == 0xA1]
-
-    with bench_of(observer, can_bus, given) as bench:
-        ready_to_lose(bench)
-        bench.drive(own_unit, PRESS)  # deploy: goes on for 8 s
-        bench.asked, bench.stop = LET_GO, True
-        lose_wire(bench)
-        bench.wait(lambda: not own_unit.look('moving'), 'rest')
-        bench.wait_stop(False)
-        bench.stop = False
-        bench.wait(lambda: bench.value('neutral because') == 'commands go out', 'the reset')
-        own_unit.since = time.monotonic()
-        bench.wait(lambda: len(permissions()) > 5, 'permissions')
-        assert set(permissions()) == {bytes.fromhex('A10000')}
-        assert not own_unit.look('moving')
-        bench.drive(own_unit)
-
-
-def test_limit_of_directions_outlives_wire_and_activation(
-    observer: Observer, can_bus: CanBus, own_unit: Station
-) -> None:
-    limited_at = 0.0
-
-    def permitted() -> set[bytes]:
-        since = max(time.monotonic() - 0.5, limited_at)
-        heard = frames(own_unit.received(since))
-        return {f.data[:3] for f in heard if f.identifier == 0x18EF8038 and f.data[0] == 0xA1}
-
-    nothing, right = bytes.fromhex('A10000'), bytes.fromhex('A10001')
-    with bench_of(observer, can_bus, {'soe_permissive': True}) as bench:
-        ready_to_lose(bench)
-        bench.drive(own_unit)
-        limiter = observer.node.create_publisher(UInt8, f'{bench.prefix}/soe_directions', 1)
-
-        def is_limited() -> bool:
-            limiter.publish(UInt8(data=1))
-            return right in permitted()
-
-        bench.wait(is_limited, 'the limit')
-        limited_at = time.monotonic()  # all four were permitted before
-        observer.node.destroy_publisher(limiter)
-        lose_wire(bench)
-        bench.wait_stop(False)
-        bench.drive(own_unit)
-        bench.observer.holds_for(lambda: permitted() <= {nothing, right}, 1.0)
-        bench.wait(lambda: permitted() == {nothing}, 'the limit in the next wire')
-        assert bench.observer.change_state(bench.prefix, 'deactivate')
-        assert bench.observer.change_state(bench.prefix, 'activate')
-        bench.wait_stop(False)
-        bench.drive(own_unit)
-        bench.observer.holds_for(lambda: permitted() <= {nothing}, 1.0)
-        bench.wait(lambda: permitted() == {nothing}, 'the limit in the next activation')
 
 
 def test_setup_mode_outlives_wire_and_activation(
@@ -194,16 +82,6 @@ def test_setup_mode_outlives_wire_and_activation(
         bench.wait(is_told, 'setup mode of the next activation')
         bench.wait(lambda: bench.call('reset_controller').success, 'the reset')
         bench.drive(own_unit)
-
-
-@each_ending
-def test_ends_with_neutral_and_status_0(
-    observer: Observer, can_bus: CanBus, own_unit: Station, number: int
-) -> None:
-    with bench_of(observer, can_bus) as bench:
-        bench.connect().drive(own_unit)
-        assert bench.node.end(number) == 0
-        bench.wait(lambda: own_unit.joystick_frames(0x38)[-3:] == [NEUTRAL] * 3, 'neutral frames')
 
 
 def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(

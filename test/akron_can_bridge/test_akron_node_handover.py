@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from std_msgs.msg import UInt8
 
 from akron_can_bridge.node import AkronCanBridge
 from akron_can_bridge.session import Handover, HandoverWanted, Session
@@ -31,8 +32,8 @@ def asked(node: AkronCanBridge, monkeypatch: pytest.MonkeyPatch) -> Asked:
     """Give what is asked of the session; every request has to count however late it comes."""
     asked: Asked = []
 
-    def request(method: Any, *arguments: Any, stop: bool) -> int:
-        assert stop
+    def request(method: Any, *arguments: Any, stop: bool = False, key: str = '') -> int:
+        assert stop or key
         asked.append((method, *arguments))
         return 1
 
@@ -40,10 +41,6 @@ def asked(node: AkronCanBridge, monkeypatch: pytest.MonkeyPatch) -> Asked:
     monkeypatch.setattr(clock, 'now', lambda: 100.0)
     monkeypatch.setattr(node.link, 'activate', lambda values: None)
     return asked
-
-
-def limit(node: AkronCanBridge) -> None:
-    node._limited = True
 
 
 def activate(node: AkronCanBridge) -> None:
@@ -66,8 +63,9 @@ STEPS: dict[str, Callable[[AkronCanBridge], None]] = {
     'asks and tells': hear(HandoverWanted(), KNOWN),
     'dies': lambda node: node.on_lost(),
     'activates': activate,
-    'limits': limit,
+    'limits': lambda node: node._on_soe_directions(UInt8(data=1)),
 }
+LIMITED = (Session.set_directions, 1)
 NOBODY = (Session.take_over, None, False)
 FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, False)
 
@@ -85,7 +83,10 @@ FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, Fal
         ('tells, dies, activates, asks', [AGAIN]),  # by then there may be another unit
         ('tells, activates, dies, asks', [AGAIN]),  # a wire that told nothing
         ('tells, activates, dies, asks, tells, dies, asks', [AGAIN, FOLLOW]),
-        ('limits, asks', [(Session.limit_directions,), NOBODY]),  # before it may permit any
+        (
+            'limits, asks',
+            [LIMITED, (Session.limit_directions,), NOBODY],
+        ),
     ],
 )
 def test_session_that_asks_is_told_what_those_before_had_to_tell(

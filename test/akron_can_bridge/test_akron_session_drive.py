@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import itertools
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 
 from akron_can_bridge.parameters import Cause
 from akron_can_bridge.protocol import Axis, BasicJoystick, ExtendedJoystick, Permission, Status
-from akron_can_bridge.session import Handover, PausePressed, Request, Settings, Stopped
+from akron_can_bridge.session import PausePressed, Request, Settings, Stopped
 from akron_can_bridge.session.drive import Command, Drive, PAUSE_TIME
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer
@@ -24,21 +23,18 @@ from stage.akron_session_rig import (
     COMMAND_LIMIT,
     ef,
     ESTOP_LIMIT,
-    joystick,
     LINK_LIMIT,
     MOVE,
-    moved,
     MOVING,
-    name,
     NEUTRAL,
     NO_FAULTS,
     NO_TARGETS,
-    NOT_ENABLED,
     of,
     oscillating,
     OURS,
     OUTPUTS,
     PAUSE,
+    permission,
     REST,
     SLOT,
     Turning,
@@ -216,67 +212,42 @@ def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> N
 # -- what ends motion -----------------------------------------------------------------------------
 
 
-def blink(bench: Bench) -> None:
-    bench.session.set_estop(True, bench.now)
-    bench.session.set_estop(False, bench.now)
-
-
-def forget_for(seconds: float) -> Callable[[Bench], None]:
+def late(seconds: float) -> str:
     """Return what comes too late though nobody looked meanwhile."""
-
-    def gap(bench: Bench) -> None:
-        bench.now += seconds
-        bench.session.set_command(*MOVE, bench.now)
-        bench.session.set_estop(False, bench.now)
-        bench.hear_unit()
-
-    return gap
+    return f'late {seconds}; do move; clear; say outputs'
 
 
 LONG = 2.0  # s, of what is not to be the reason
-ENDS: dict[str, tuple[Callable[[Bench], Any], dict[str, Any]]] = {
-    'e-stop input is true': (lambda b: b.estop_in(True), {}),
-    'e-stop input is true, and false again': (blink, {}),
-    'command refused: axis 0 is nan': (
-        lambda b: b.session.refuse_command('axis 0 is nan', b.now),
-        {},
-    ),
-    'the enable input is not asserted': (lambda b: b.take(NOT_ENABLED, OUTPUTS), {}),
-    'this node was held up': (
-        lambda b: b.session.interrupted('this node was held up', b.now),
-        {},
-    ),
-    'command is stale': (
-        forget_for(COMMAND_LIMIT),
+ENDS: list[tuple[str, str, dict[str, Any]]] = [  # what happens, and why motion ends
+    ('estop', 'e-stop input is true', {}),
+    ('blink', 'e-stop input is true', {}),
+    ('refuse', 'command refused: axis 0 is nan', {}),
+    ('say disabled outputs', 'the enable input is not asserted', {}),
+    ('lost', 'messages were lost', {}),
+    (late(COMMAND_LIMIT), 'command is stale', {'estop_in_timeout': LONG, 'link_timeout': LONG}),
+    (
+        f'late {COMMAND_LIMIT}; refuse',
+        'command is stale',
         {'estop_in_timeout': LONG, 'link_timeout': LONG},
     ),
-    'e-stop input is stale': (
-        forget_for(ESTOP_LIMIT),
-        {'command_timeout': LONG, 'link_timeout': LONG},
-    ),
-    'it is silent': (forget_for(LINK_LIMIT), {'command_timeout': LONG, 'estop_in_timeout': LONG}),
-    'it is silent after a freeze': (forget_for(1.0), {}),
-}
+    (late(ESTOP_LIMIT), 'e-stop input is stale', {'command_timeout': LONG, 'link_timeout': LONG}),
+    (late(LINK_LIMIT), 'it is silent', {'command_timeout': LONG, 'estop_in_timeout': LONG}),
+    (late(1.0), 'it is silent', {}),
+]
 
 
-@pytest.mark.parametrize('reason', ENDS)
-def test_motion_ends_at_once_and_begins_anew_by_a_neutral_command_alone(reason: str) -> None:
-    happens, options = ENDS[reason]
+@pytest.mark.parametrize(('script', 'reason', 'options'), ENDS)
+def test_motion_ends_at_once_and_begins_anew_by_a_neutral_command_alone(
+    script: str, reason: str, options: dict[str, Any]
+) -> None:
     bench = Bench(**options).moving()
-    bench.now += 0.001  # within a slot
-    bench.events.clear()
-    happens(bench)
-    bench.poll()
+    bench.play(f'late 0.001; mark; {script}')  # within a slot
     assert bench.joystick_frames(bench.now) == [NEUTRAL]
     (stopped,) = of(Stopped, bench.events)
-    said = reason.split(',')[0].removesuffix(' after a freeze')
-    assert said in '; '.join(stopped.reasons)
-    start = bench.now
+    assert reason in '; '.join(stopped.reasons)
     bench.run(0.3, MOVE)
-    assert bench.all_neutral(start)
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    bench.run(0.2, REST)
-    bench.run(2 * SLOT, MOVE)
+    assert bench.all_neutral(0.0)
+    bench.play('say unit outputs well; 0.2 rest; 0.04 move')
     assert bench.joystick_frames()[-1] == MOVING
 
 
@@ -286,6 +257,8 @@ def test_farewell_is_neutral_several_times_and_takes_the_permission(soe_permissi
     frames = [CanFrame(0x0CFDD638, NEUTRAL)]
     frames += [CanFrame(A1, bytes.fromhex('A10000'))] * soe_permissive
     assert bench.session.farewell(bench.now) == frames * 3
+    bench.close()
+    assert bench.session.farewell(bench.now) == []
 
 
 # -- extended -------------------------------------------------------------------------------------
@@ -320,127 +293,99 @@ def test_stop_leaves_no_target_to_travel_to() -> None:
 
 # -- SOE permission -------------------------------------------------------------------------------
 
+HEARD = 'say unit outputs well'
+PUSHED = 'find; 0.1 rest; 0.1 move; '
+LIMITED = f'{PUSHED}directions 9; '  # down and right only
+STEADY = {'estop_on': frozenset({Cause.FOREIGN_JOYSTICK})}  # a lost link is no stop
+STICK = {'allowed_joysticks': frozenset({0x33})}
+STICK_PUSHED = 'find; 0.02; say stick; 0.02; say right; '
+STOPPED = f'{STICK_PUSHED}0.02 stop; '
+ALONE = {'automatic_motion': True}
+ENDED = '; 0.1 rest stop; stand; says stands; 1 rest'
+PERMITTED: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, each change of A1
+    ({}, 'find; 0.2 rest; 0.2 water; 0.8 move', '0 F'),
+    ({}, f'{PUSHED}estop', '0 F 0'),
+    ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest', '0 F 0'),
+    ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest; do move', '0 F 0 F'),
+    ({'link_timeout': 0.6}, f'{PUSHED}0.1 rest; wait 1; 1 rest', '0 F 0'),
+    # Before it was told what a session before it knew it permits nothing; that one's is no push.
+    ({}, f'open; {HEARD}; 0.5 rest; 0.1 move', '0'),
+    ({}, f'open; {HEARD}; 0.5 rest; told; 0.1 rest; 0.1 move', '0 F'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest', '0'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest; 0.1 move; told on; 0.1 move', '0 F'),
+    ({}, f'open; told on; {HEARD}; 0.5 rest; 0.1 move; 0.1 rest stop; told lost; 1 rest', '0 F 0'),
+    # Directions are permitted one by one, and have to be repeated once they were said.
+    ({}, LIMITED, '0 F 9'),
+    ({}, f'{LIMITED}0.2; clear; wait 0.049', '0 F 9'),
+    ({}, f'{LIMITED}0.2; clear; wait 0.051', '0 F 9 0'),
+    ({}, f'{LIMITED}0.3; directions 6', '0 F 9 0 6'),
+    ({}, f'{LIMITED}estop; directions 15; wait 5', '0 F 9 0'),
+    ({}, f'limit; {PUSHED}', '0'),  # they were said to a session before
+    ({}, f'limit; {PUSHED}directions 1; limit', '0 1'),
+    # An allowed joystick gives it, once it was let go of and is pushed.
+    (STICK, 'find; 0.02; say right; 0.02; say stick', '0'),
+    (STICK, STICK_PUSHED, '0 F'),
+    (STICK, f'{STOPPED}0.02; say right', '0 F 0'),  # it is held
+    (STICK, f'{STOPPED}0.02; say stick; 0.02; say broken; 0.02; say right', '0 F 0'),
+    (STICK, f'{STOPPED}0.02; say stick@34; 0.02; say right@34', '0 F 0'),  # that is a stop
+    (STICK, f'{STOPPED}say stick@34; 1.1; say stick; 0.02; say right', '0 F 0 F'),
+    # A lost link takes it, whatever is held meanwhile.
+    *(
+        (STEADY, f'{PUSHED}1 {held} gone; say unit; 0.2 {held}', '0 F 0')
+        for held in ('rest', 'move')
+    ),
+    (STEADY, f'{PUSHED}1 move gone; say unit; 0.2 move; 0.04 rest; 0.04 move', '0 F 0 F'),
+    (
+        STEADY | STICK,
+        f'{PUSHED}0.1 rest; {25 * "say right; 0.02 rest gone; "}{25 * "say right; 0.02 rest; "}',
+        '0 F 0',
+    ),
+    # Motion that goes on by itself keeps it, until a stop takes it for good.
+    *(
+        (ALONE, f'find; 2 rest; 0.02 move; 1 rest; {moves}; 0.4 rest{script}', said)
+        for moves in ('0.1 deploy; 0.1 rest', 'turn', 'says aims', 'says oscillates')
+        for script, said in (
+            ('', '0 F'),
+            (ENDED, '0 F 0'),
+            (f'{ENDED}; 0.04 move; 0.2 rest', '0 F 0 F'),
+        )
+    ),
+    *(
+        ({}, f'find; 2 rest; 0.1 move; turn; {later} rest; 0.5 rest stop; 0.5 rest', '0 F 0')
+        for later in (0, 0.35, 2)
+    ),
+]
 
-def permissions(bench: Bench, since: float = 0.0) -> list[str]:
-    return [data.hex().upper() for data in bench.frames(A1, since) if data[0] == 0xA1]
+
+@pytest.mark.parametrize(('options', 'script', 'said'), PERMITTED)
+def test_permission_by_what_happened(options: dict[str, Any], script: str, said: str) -> None:
+    bench = Turning(soe_permissive=True, **options).play(script)
+    permitted = [data.hex().upper() for data in bench.frames(A1) if data[0] == 0xA1]
+    assert [data[-1] for data, _ in itertools.groupby(permitted)] == said.split()
+    assert {data[:-1] for data in permitted} == {'A1000'}
 
 
-def test_permission_every_100_ms_to_the_unit_alone_from_a_push_on() -> None:
-    bench = Bench(soe_permissive=True)
-    bench.open()
-    bench.wait(0.5)
-    assert permissions(bench) == []
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    for command in (REST, WATER):
-        bench.run(0.2, command)
-    assert set(permissions(bench)) == {'A10000'}
-    start = bench.now
-    bench.run(0.8, MOVE)
-    given = CanFrame(A1, bytes.fromhex('A1000F'))
-    times = [at for at, frame in bench.sent if frame == given]
-    assert permissions(bench, start + 1e-9) == ['A1000F'] * len(times)
+def test_permission_goes_to_the_unit_alone_every_100_ms() -> None:
+    bench = Bench(soe_permissive=True).play('open; wait 0.5')
+    assert bench.frames(A1) == []
+    bench.play(f'{PUSHED}mark; 0.8 move')
+    times = [at for at, frame in bench.sent if frame == CanFrame(A1, bytes.fromhex('A1000F'))]
     assert all(b - a <= 0.1 + SLOT for a, b in itertools.pairwise(times))
     assert 7 <= len(times) <= 9
-    assert permissions(Bench().moving()) == []
+    bench.play('say thief; mark; wait 5')
+    assert bench.frames(A1) == []
+    assert not [data for data in Bench().moving().frames(A1) if data[0] == 0xA1]
 
 
-def test_permission_ends_with_a_stop_at_once_and_comes_back_with_the_next_push() -> None:
-    bench = Bench(soe_permissive=True).moving()
-    start = bench.now
-    bench.estop_in(True)
-    assert permissions(bench, start) == ['A10000']
-    bench.run(0.5, MOVE, estop=True)
-    assert set(permissions(bench, start)) == {'A10000'}
-    assert len(permissions(bench, start)) >= 5
-    start = bench.now + 1e-9
-    bench.run(0.1, MOVE)
-    bench.run(0.1, REST)
-    assert set(permissions(bench, start)) == {'A10000'}
-    assert bench.all_neutral(start)
-    bench.command(MOVE)
-    assert permissions(bench)[-1] == 'A1000F'
-    assert bench.joystick_frames()[-1] == NEUTRAL  # its slot is later: no motion waits for it
-
-
-@pytest.mark.parametrize('again', ['start', 'link', 'wire'])
-def test_reset_gives_no_permission_to_motion_that_was_interrupted(again: str) -> None:
-    bench = Bench(soe_permissive=True, link_timeout=0.6, estop_on=frozenset({Cause.LINK}))
-    bench.find_unit(Handover() if again == 'wire' else None)
-    if again == 'link':
-        bench.run(0.1, REST)
-        bench.run(0.1, MOVE)
-        bench.run(0.1, REST)
-        assert permissions(bench)[-1] == 'A1000F'
-        bench.wait(1.0)
-    start = bench.now
-    bench.run(1.0, REST)
-    assert bench.session.inhibits(bench.now) == []
-    assert set(permissions(bench, start)) == {'A10000'}
-
-
-def test_allowed_joystick_gives_the_permission_once_it_was_let_go_and_pushed() -> None:
-    let_go, pushed, broken = (joystick(x + '010000000000') for x in ('0100', '107D', '127D'))
-    bench = Bench(soe_permissive=True, allowed_joysticks=frozenset({0x33})).find_unit()
-
-    def given(*frames: CanFrame) -> bool:
-        for frame in frames:
-            bench.run(SLOT)
-            bench.take(frame)
-        return permissions(bench)[-1] == 'A1000F'
-
-    assert not given(let_go)
-    assert given(pushed, let_go)
-    bench.run(SLOT, estop=True)
-    assert not given(pushed, pushed)  # held through the stop
-    assert not given(let_go, broken)
-    assert not given(pushed)
-    assert not given(moved(let_go, 0x34), moved(pushed, 0x34))
-    bench.run(1.1)  # that was a stop
-    assert given(let_go, pushed)
-
-
-def test_permission_to_a_unit_that_lost_its_address_ends_without_spinning() -> None:
-    bench = Bench(soe_permissive=True).moving()
-    assert permissions(bench)[-1] == 'A1000F'
-    bench.take(name('0100000000000000', UNIT))
-    start = bench.now
-    bench.wait(5.0)
-    assert permissions(bench, start) == []
-
-
-def test_permission_by_direction_is_the_manuals_and_goes_stale() -> None:
-    bench = Bench(soe_permissive=True).moving()
-    start = bench.now
-    bench.session.set_directions(0b1001, bench.now)  # down and right only
-    bench.poll()
-    assert permissions(bench, start) == ['A10009']
-    bench.run(ESTOP_LIMIT + 0.05)
-    assert permissions(bench)[-1] == 'A10000'
-    assert not bench.session.estop
-    bench.session.set_directions(0b0110, bench.now)
-    bench.poll()
-    assert permissions(bench)[-1] == 'A10006'
+def test_directions_that_are_none_permit_nothing() -> None:
+    bench = Bench(soe_permissive=True).play(PUSHED)
     with pytest.raises(ValueError, match='16 is no sum of 1 right'):
-        bench.session.set_directions(16, bench.now)
+        bench.play('directions 16')
     bench.poll()
-    assert permissions(bench)[-1] == 'A10000'
-    bench.estop_in(True)
-    bench.session.set_directions(0b1111, bench.now)
-    bench.poll()
-    assert permissions(bench)[-1] == 'A10000'
-    bench.wait(5.0)  # SessionBench sees to it that this takes few steps
+    assert permission(bench) == 'A10000'
 
 
-def test_limit_of_a_session_before_permits_nothing_until_it_is_said_again() -> None:
-    bench = Bench(soe_permissive=True)
-    bench.session.limit_directions(bench.now)
-    bench.moving()
-    assert set(permissions(bench)) == {'A10000'}
-    bench.session.set_directions(0b0001, bench.now)
-    bench.session.limit_directions(bench.now)
-    bench.poll()
-    assert permissions(bench)[-1] == 'A10001'
-
+# -- a busy line ----------------------------------------------------------------------------------
 
 RETRY = 0.001  # s, of the wire
 FORGOTTEN = 0.2  # s after which a unit forgets a joystick: Appendix B

@@ -14,7 +14,6 @@ from akron_can_bridge.protocol import AddressAnnouncement, Name
 from akron_can_bridge.session import Settings, UnitChanged
 from akron_can_bridge.session.finder import Finder
 from bridge_core.j1939 import CanFrame
-from bridge_core.session import StopChanged, Verdict
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
@@ -31,7 +30,6 @@ from stage.akron_session_rig import (
     OTHER_PIN,
     OUTPUTS,
     PIN,
-    POSITION,
     REST,
     UNIT,
 )
@@ -112,18 +110,6 @@ def test_so_many_devices_are_remembered_and_followed_and_no_more() -> None:
     assert list(finder.devices) == pins[:MANY]
     finder.announced(0xA0, AddressAnnouncement(pins[5]), NOW)
     assert finder.devices[pins[5]] == 0xA0
-
-
-def test_only_a_change_of_the_address_counts_as_a_move() -> None:
-    finder = started()
-    moves = []
-    for address in (UNIT, UNIT, 0x82, UNIT):
-        finder.announced(address, OUR_PIN, NOW)
-        moves.append(finder.moves)
-    finder.claimed(UNIT, STRANGE_NAME, NOW)
-    assert finder.address is None
-    finder.announced(UNIT, OUR_PIN, NOW)
-    assert [*moves, finder.moves] == [0, 0, 1, 2, 2]
 
 
 def test_without_a_unit_there_are_no_rivals() -> None:
@@ -228,23 +214,6 @@ def test_name_request_goes_out_at_the_start_and_every_second_while_nothing_is_he
     assert 4 <= len(name_requests(bench, start)) <= 5
 
 
-def test_announcement_makes_the_unit_known_and_the_polls_go_to_its_address() -> None:
-    bench = Bench()
-    bench.open()
-    assert bench.session.estop
-    assert 'no unit was found (wanted: 6032 Universal II)' in bench.session.stop_reasons(0.0)[0]
-    events = bench.take(ANNOUNCED)
-    assert UnitChanged(f'unit {PIN} is at address 80', PIN, 1032) in events
-    assert bench.session.link_up
-    assert sorted(bench.asked()) == ['02', '03', '04', '05']
-    assert bench.session.estop  # enable and faults are not known
-    bench.take(OUTPUTS)
-    assert bench.session.estop
-    assert StopChanged(Verdict(False, False, True)) in bench.take(NO_FAULTS)
-    assert not bench.session.estop
-    assert bench.session.stop_reasons(bench.now) == []
-
-
 @pytest.mark.parametrize(
     ('options', 'unit'),
     [
@@ -266,16 +235,6 @@ def test_choice_by_pin_or_type(options: dict[str, Any], unit: int | None) -> Non
     if unit is None:
         reason = bench.session.stop_reasons(bench.now)[0]
         assert f'heard instead: {PIN}, {OTHER_PIN}' in reason
-
-
-def test_choice_by_type_stays_with_the_first_and_tells_of_the_other() -> None:
-    bench = Bench().find_unit()
-    bench.take(OTHER_ANNOUNCED)
-    bench.wait(5.0)
-    bench.take(OTHER_ANNOUNCED)
-    assert bench.session.finder.address == 0x80
-    assert bench.session.finder.rivals() == [OTHER_PIN]
-    assert Bench(device_pin=PIN).find_unit().session.finder.rivals() == []
 
 
 # -- moving it ------------------------------------------------------------------------------------
@@ -332,34 +291,3 @@ def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
         bench.take(ANNOUNCED)
         bench.now += 0.001
     assert 5 <= len(name_requests(bench, start)) <= 11
-
-
-# -- at a fixed address ---------------------------------------------------------------------------
-
-
-def test_unit_that_announces_nothing_is_used_at_its_address() -> None:
-    bench = Bench(unit_address=0x90)
-    bench.open()
-    assert 'check power and CAN wiring of unit at 90' in bench.session.stop_reasons(bench.now)[0]
-    bench.take(OUTPUTS, POSITION, NO_FAULTS)  # from 80: somebody else
-    assert bench.session.estop
-    bench.take(moved(OUTPUTS, 0x90), moved(NO_FAULTS, 0x90))
-    assert not bench.session.estop
-    assert bench.session.values(bench.now)['unit'] == 'at 90'
-    assert bench.session.values(bench.now)['type'] == '6032 Universal II'
-    bench.take(moved(NOT_ENABLED, 0x90))
-    assert 'not asserted' in bench.session.stop_reasons(bench.now)[0]
-
-
-@pytest.mark.parametrize('frame', [name(STRANGER, UNIT), moved(OTHER_ANNOUNCED, UNIT)])
-def test_another_device_at_the_fixed_address_is_not_believed(frame: CanFrame) -> None:
-    bench = Bench(unit_address=UNIT, device_pin=PIN)
-    bench.open()
-    bench.take(OUTPUTS, NO_FAULTS)
-    assert not bench.session.estop
-    bench.take(frame)
-    bench.run(0.5)
-    assert bench.session.estop
-    assert 'has no address at present' in bench.session.stop_reasons(bench.now)[0]
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    assert not bench.session.estop

@@ -5,34 +5,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from akron_can_bridge.session import Handover, HandoverWanted, Request, Resting, Settings
 from bridge_core.session import Level
 from stage.akron_session_rig import (
     ANNOUNCED,
-    ef,
-    MOVE,
     moved,
-    MOVING,
     NEUTRAL,
-    NO_FAULTS,
     of,
     OTHER_ANNOUNCED,
     OTHER_PIN,
     OURS,
     OUTPUTS,
-    permission,
     PIN,
-    REST,
     SLOT,
     Turning,
 )
 from stage.session_rig import SessionBench
-
-ALLOWED = 0x33
 
 
 @pytest.mark.parametrize('late', [False, True])
@@ -72,84 +62,28 @@ def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
     assert bench.asked(start) == ['46']
 
 
-def test_session_that_was_told_nothing_yet_tells_nothing_and_permits_nothing() -> None:
-    bench = Turning(soe_permissive=True, device_pin=PIN)
-    SessionBench.open(bench)
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    bench.run(0.5, REST)
-    assert not bench.session.estop
-    assert permission(bench) == 'A10000'
-    assert of(Handover, bench.events) == []
-    bench.run(0.1, MOVE)
-    assert bench.all_neutral(0.0)
-    bench.session.take_over(None, False, bench.now)
-    bench.run(0.1, REST)
-    assert of(Handover, bench.events) == [Handover(pin=PIN)]
-    bench.run(0.1, MOVE)
-    assert permission(bench) == 'A1000F'
+ASKS: list[tuple[str, int, list[bool]]] = [
+    # What happens; how often it asks after the mark; whether it tells last of setup mode.
+    ('mark; open', 1, []),
+    ('open; mark; 1 rest', 0, []),
+    ('open; mark; close', 0, []),
+    ('open; close; mark; open', 1, []),
+    ('open; mark; lost', 1, []),  # the question may be among what was lost
+    ('open; mark; told', 0, [False]),
+    ('open; lost; told; mark; say unit outputs well; 0.5 rest', 0, [False]),
+    # What it told may be lost as well.
+    ('find; say setup; mark; lost', 0, [True]),
+    ('find; say setup; mark; close; open', 0, [True]),
+]
 
 
-def test_permission_after_another_session_takes_a_push_of_the_stick_once() -> None:
-    bench = Turning(soe_permissive=True)
-    bench.ready(Handover())
-    assert permission(bench) == 'A10000'
-    bench.run(0.1, MOVE)
-    assert permission(bench) == 'A1000F'
-    start = bench.now
-    bench.session.take_over(Handover(), False, bench.now)
-    bench.run(0.1, MOVE)
-    assert set(bench.joystick_frames(start)) == {MOVING}
-    assert permission(bench) == 'A1000F'
-    bench.run(0.1, REST, estop=True)
-    bench.session.take_over(Handover(), True, bench.now)
-    bench.run(0.1, REST)
-    assert permission(bench) == 'A10000'
-
-
-# -- asking for it --------------------------------------------------------------------------------
-
-
-def wanted(bench: SessionBench[Any], events: list[Any]) -> int:
-    """Count how often these ask for it, and forget all that was told."""
-    bench.events.clear()
-    return len(of(HandoverWanted, events))
-
-
-def test_session_asks_for_it_until_it_was_told_and_tells_nothing_before() -> None:
-    bench = Turning()
-    assert wanted(bench, SessionBench.open(bench)) == 1
-    assert wanted(bench, bench.run(1.0, REST)) == 0
-    assert wanted(bench, bench.close()) == 0
-    assert wanted(bench, SessionBench.open(bench)) == 1
-    bench.session.take_over(None, False, bench.now)
-    told = bench.poll()
-    assert of(Handover, told) == [Handover()]
-    assert wanted(bench, told) == 0
-
-
-def test_session_asks_again_where_the_question_may_be_lost_and_moves_the_unit_then() -> None:
-    bench = Turning()
-    SessionBench.open(bench)
-    bench.events.clear()
-    bench.session.interrupted('the node did not take what its wire had to tell', bench.now)
-    assert wanted(bench, bench.poll()) == 1
-    bench.session.take_over(None, False, bench.now)
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    bench.run(0.5, REST)
-    bench.run(0.1, MOVE)
-    assert bench.joystick_frames()[-1] == MOVING
-
-
-def test_session_that_was_told_asks_no_more_but_tells_again_what_may_be_lost() -> None:
-    bench = Turning().ready()
-    bench.take(ef('46', destination=OURS))
-    bench.events.clear()
-    bench.session.interrupted('messages were lost', bench.now)
-    told = bench.poll()
-    assert of(Handover, told)[-1].in_setup
-    told += bench.close()
-    told += SessionBench.open(bench)
-    assert wanted(bench, told) == 0
+@pytest.mark.parametrize(('script', 'asked', 'in_setup'), ASKS)
+def test_session_asks_until_it_was_told_and_tells_nothing_before(
+    script: str, asked: int, in_setup: list[bool]
+) -> None:
+    bench = Turning().play(script)
+    assert len(of(HandoverWanted, bench.events)) == asked
+    assert [told.in_setup for told in of(Handover, bench.events)][-1:] == in_setup
 
 
 # -- a node that is not active --------------------------------------------------------------------

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
@@ -23,42 +22,27 @@ from akron_can_bridge.protocol import (
     PositionLimit,
     Status,
 )
-from akron_can_bridge.session import Cause, PausePressed, Request, Settings
+from akron_can_bridge.session import Cause, PausePressed, Settings
 from akron_can_bridge.session.motion import Motion
 from akron_can_bridge.session.unit import Unit
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
 from fort_vsc_bridge.simulator import CanSimulator
 from stage.akron_loop_rig import Bench as Loop
 from stage.akron_session_rig import (
-    ANNOUNCED,
-    Bench,
     COAST,
-    DEPLOY,
-    ef,
-    joystick,
+    COMMANDS,
     MOVE,
-    MOVING,
     NEUTRAL,
     of,
     OSCILLATE,
-    OSCILLATES,
     oscillating,
-    OTHER_ANNOUNCED,
     OURS,
     PAUSE,
-    permission,
     PIN,
     REST,
     SLOT,
-    STANDS,
     Turning,
-    WATER,
 )
-from stage.session_rig import SessionBench
-
-AIMS = ef('83D051')  # Point Aim mode is active
-ALLOWED = 0x33
-
 
 # -- a stop of the unit ---------------------------------------------------------------------------
 
@@ -77,100 +61,6 @@ def test_coasting_is_no_stop_until_its_time_is_over() -> None:
     assert not bench.session.estop
     bench.wait(2e-6)
     assert bench.session.estop
-
-
-def test_unit_that_begins_to_move_alone_has_as_long() -> None:
-    bench = Turning().ready()
-    bench.turns = True
-    while not bench.session.motion.moving(bench.now):
-        bench.run(SLOT, REST)
-    ends = bench.session.motion.began_at + COAST
-    bench.run(ends - SLOT - bench.now, REST)
-    assert not bench.session.estop
-    bench.run(2 * SLOT, REST)
-    assert bench.session.estop
-
-
-# -- the permission of SOE mode -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('what', ['switch', 'aims', 'alone', 'oscillates'])
-def test_stop_of_what_moves_by_itself_keeps_the_permission_until_the_stick_moves(
-    what: str,
-) -> None:
-    bench = Turning(soe_permissive=True, automatic_motion=True).ready()
-    bench.run(SLOT, MOVE)
-    bench.run(COAST, REST)
-    assert permission(bench) == 'A1000F'
-    if what == 'switch':
-        bench.run(0.1, DEPLOY)
-        bench.run(0.1, REST)
-    bench.turns = what == 'alone'
-    bench.says = {'aims': [AIMS], 'oscillates': [OSCILLATES]}.get(what, [])
-    bench.run(0.4, REST)
-    assert permission(bench) == 'A1000F'
-    bench.run(0.1, REST, estop=True)
-    assert permission(bench) == 'A10000'
-    bench.turns, bench.says = False, [STANDS]
-    bench.run(1.0, REST)
-    assert bench.session.inhibits(bench.now) == []
-    assert permission(bench) == 'A10000'
-    assert bench.session.demand.withheld
-    bench.run(2 * SLOT, MOVE)
-    assert bench.joystick_frames()[-1] == MOVING
-    assert permission(bench) == 'A1000F'
-    bench.run(0.2, REST)
-    assert permission(bench) == 'A1000F'
-
-
-def permitted(**options: Any) -> Bench:
-    """Return one that has the permission, and for which a lost link is no stop."""
-    causes = frozenset({Cause.FOREIGN_JOYSTICK})
-    bench = Bench(soe_permissive=True, estop_on=causes, **options).find_unit()
-    bench.run(0.1, REST)
-    bench.run(0.1, MOVE)
-    assert permission(bench) == 'A1000F'
-    return bench
-
-
-@pytest.mark.parametrize('said', [REST, MOVE], ids=['let go', 'held'])
-def test_lost_link_takes_the_permission_until_the_stick_is_pushed_anew(said: Any) -> None:
-    bench = permitted()
-    bench.run(1.0, said, unit=False)
-    assert not bench.session.estop
-    assert permission(bench) == 'A10000'
-    bench.take(ANNOUNCED)
-    bench.run(0.2, said)
-    assert bench.session.link_up
-    assert permission(bench) == 'A10000'
-    bench.run(2 * SLOT, REST)
-    bench.run(2 * SLOT, MOVE)
-    assert permission(bench) == 'A1000F'
-
-
-def test_joystick_held_through_a_lost_link_gives_no_permission() -> None:
-    bench = permitted(allowed_joysticks=frozenset({ALLOWED}))
-    bench.run(0.1, REST)
-    held = joystick('107D046400000000')
-    for unit in (False, True):
-        for _ in range(25):
-            bench.take(held)
-            bench.run(SLOT, REST, unit=unit)
-        assert permission(bench) == 'A10000'
-    bench.take(joystick(), held)
-    assert permission(bench) == 'A1000F'
-
-
-@pytest.mark.parametrize('later', [0.0, 0.35, 2.0])
-def test_motion_that_began_soon_after_a_push_is_not_resumed_either(later: float) -> None:
-    bench = Turning(soe_permissive=True).ready()
-    bench.run(0.1, MOVE)
-    bench.turns = True
-    bench.run(later, REST)
-    bench.run(0.5, REST, estop=True)
-    bench.run(0.5, REST)
-    assert permission(bench) == 'A10000'
-    assert bench.session.demand.withheld
 
 
 # -- by the angles alone --------------------------------------------------------------------------
@@ -294,23 +184,6 @@ def test_stop_pauses_an_oscillation_of_ours_where_no_other_unit_hears_it(
     assert (bench.moved(2.0) == 0.0) is bool(pressed)  # what is paused does not resume by itself
 
 
-@pytest.mark.parametrize('told', ['on', 'off'])
-@pytest.mark.parametrize('axis', [1, 2])
-@pytest.mark.parametrize('options', [AUTOMATIC, PAUSES])
-def test_hand_that_moves_a_unit_whose_oscillation_is_paused_has_none_resumed(
-    told: str, axis: int, options: dict[str, Any]
-) -> None:
-    bench = Loop(**options)
-    for line in (f'pausetold {told}', 'oscillate on', 'pause on', f'physical {axis} 0.3'):
-        bench.unit.apply(line)
-    bench.run(1.5)
-    bench.ours.stop = True
-    bench.run(3.0)
-    assert sum(switch_7(bench)) == 0
-    bench.unit.apply(f'physical {axis} 0')
-    assert bench.moved(1.0) == 0.0
-
-
 @pytest.mark.parametrize('asks', ['stick x -1', 'switch 8 on'])
 def test_motion_by_a_foreign_joystick_is_a_stop(asks: str) -> None:
     stick = JoystickSimulator(0x34)
@@ -368,13 +241,6 @@ OURS_TO_PAUSE: dict[str, Any] = {
     'button_switches': (4,),
     'pause_on_stop': True,
 }
-COMMANDS = {
-    'rest': REST,
-    'water': WATER,
-    'move': MOVE,
-    'oscillate': OSCILLATE,
-    'deploy': DEPLOY,
-}
 
 
 def presses(bench: Turning, seconds: float = 2 * COAST) -> list[float]:
@@ -395,115 +261,44 @@ def test_stop_pauses_an_oscillation_of_ours_once_by_its_first_type_81() -> None:
     assert bench.joystick_frames()[-1] == NEUTRAL
 
 
-# -- what else explains it, or may have paused it -------------------------------------------------
+# What may have paused or resumed it, or began it, beside our command.
+OSCILLATING = 'says stands; find; 2 rest; 0.1 oscillate; turn; says oscillates; 1 rest; '
+NOT_OURS = [
+    *(
+        f'{OSCILLATING}{script}'
+        for script in (
+            'stand; says stands; 0.2 rest; turn; says oscillates; 1 rest',  # by a hand
+            'say stick; 2 rest',
+            'say other',
+            '0.02 move; 1 rest',
+            '0.02 deploy; 1 rest',
+            'close; wait 0.1; open; say unit',
+            'lost; say unit',
+            '0.5 rest gone',
+            'stand; 1 rest',  # and oscillate, as it says
+            'says stands; 0.02 rest stop; says oscillates',  # by the first type 81 of the stop
+            'ask reset_controller',
+        )
+    ),
+    # It did not begin with our command.
+    'says oscillates; find; 2 rest; 0.1 oscillate; turn; 1 rest',
+    'find; 2 rest; 0.1 oscillate; turn; says oscillates; 1 rest',
+    'says stands; find; 2 rest; 0.1 oscillate; 1.1 rest; turn; says oscillates; 1 rest',
+]
 
 
-def by_a_hand_too(bench: Turning) -> None:
-    """Have it pause and resume by the unit's own switches."""
-    bench.turns, bench.says = False, [STANDS]
-    bench.run(0.2, REST)
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(COAST, REST)
-
-
-def by_a_joystick_too(bench: Turning) -> None:
-    bench.take(joystick(source=ALLOWED))
-    bench.run(2 * COAST, REST)
-
-
-def beside_another_unit(bench: Turning) -> None:
-    bench.take(OTHER_ANNOUNCED)
-
-
-def pushed(command: Any) -> Callable[[Turning], None]:
-    """Return what pushes, and goes on oscillating."""
-
-    def push(bench: Turning) -> None:
-        bench.run(SLOT, command)
-        bench.run(COAST, REST)
-
-    return push
-
-
-def closed(bench: Turning) -> None:
-    bench.close()
-    bench.wait(0.1)
-    SessionBench.open(bench)
-    bench.take(ANNOUNCED)
-
-
-def interrupted(bench: Turning) -> None:
-    bench.session.interrupted('messages were lost', bench.now)
-    bench.take(ANNOUNCED)
-
-
-def fall_silent(bench: Turning) -> None:
-    bench.run(0.5, REST, unit=False)
-
-
-def standing(bench: Turning) -> None:
-    """Stand, and say "oscillating" all along."""
-    bench.turns = False
-    bench.run(COAST, REST)
-
-
-@pytest.mark.parametrize(
-    'happens',
-    [
-        *(by_a_hand_too, by_a_joystick_too, beside_another_unit, pushed(MOVE), pushed(DEPLOY)),
-        *(closed, interrupted, fall_silent, standing),
-    ],
-)
-def test_oscillation_that_something_else_may_explain_is_not_paused(
-    happens: Callable[[Turning], None],
-) -> None:
-    bench = oscillating(allowed_joysticks=frozenset({ALLOWED}))
-    happens(bench)
+@pytest.mark.parametrize('script', NOT_OURS)
+def test_oscillation_that_something_else_may_explain_is_not_paused(script: str) -> None:
+    bench = Turning(allowed_joysticks=frozenset({0x33}), **OURS_TO_PAUSE)
+    bench.play(script)
     assert presses(bench) == []
-
-
-@pytest.mark.parametrize(
-    ('said', 'late'), [([OSCILLATES], 0.0), ([], 0.0), ([STANDS], 1.1 * COAST)]
-)
-def test_oscillation_that_did_not_begin_with_our_command_is_not_ours(
-    said: list[Any], late: float
-) -> None:
-    bench = Turning(**OURS_TO_PAUSE)
-    bench.says = said
-    bench.ready()
-    bench.run(0.1, OSCILLATE)
-    bench.run(late, REST)
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(COAST, REST)
-    assert presses(bench) == []
-
-
-def test_stop_whose_first_type_81_says_no_oscillation_has_it_pressed_no_more() -> None:
-    bench = oscillating()
-    bench.says = [STANDS]
-    bench.run(SLOT, REST, estop=True)
-    bench.says = [OSCILLATES]
-    assert presses(bench) == []
-
-
-def test_reset_that_is_under_way_is_no_time_to_press_it() -> None:
-    bench = oscillating()
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    assert presses(bench) == []
-
-
-# -- once, and the next one -----------------------------------------------------------------------
 
 
 def test_unit_that_tells_of_no_pause_is_believed_no_more() -> None:
     bench = oscillating()
     assert presses(bench)
     assert 'set pause_on_stop to false' in ''.join(bench.session.warnings(bench.now))
-    bench.turns, bench.says = False, [STANDS]
-    bench.run(COAST, REST)
-    bench.run(0.1, OSCILLATE)
-    bench.turns, bench.says = True, [OSCILLATES]
-    bench.run(COAST, REST)
+    bench.play('stand; says stands; 1 rest; 0.1 oscillate; turn; says oscillates; 1 rest')
     assert presses(bench) == []
 
 
@@ -555,26 +350,12 @@ def test_parameter_that_can_press_nothing_is_refused() -> None:
         Settings(device_type=kind, **OURS_TO_PAUSE)
 
 
-WATCHDOG = 0.2  # the unit's own, Appendix B
-
-
 @pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])
 def test_every_controller_moves_and_stops(kind: int) -> None:
     bench = Loop(unit={'device_type': kind}, device_type=kind).move()
     assert bench.moved(0.5) > 0.5
     bench.ours.stop = True
     bench.wait(lambda: not bench.unit.motion.moving, 1.0)
-    assert abs(bench.moved(1.0)) < 0.01
-
-
-def test_frozen_host_is_stopped_by_the_units_own_watchdog() -> None:
-    bench = Loop().move()
-    bench.ours.frozen = True
-    took = bench.wait(lambda: bench.unit.describe()['cleared']['38'])
-    assert took <= WATCHDOG + 0.01
-    bench.wait(lambda: not bench.unit.motion.moving, 1.0)
-    # Thawed, it does not go on with what it wanted.
-    bench.ours.frozen = False
     assert abs(bench.moved(1.0)) < 0.01
 
 
@@ -593,16 +374,3 @@ def test_the_trap_between_two_manuals_is_sprung_and_told() -> None:
     bench.ours.command = MOVE
     bench.run(0.2)
     assert not bench.session.drive.moving
-
-
-def test_neighbour_that_takes_the_units_address_moves_it_and_we_follow() -> None:
-    # 0.35 s without a frame: with a longer timeout that is no stop.
-    bench = Loop(link_timeout=0.5).move()
-    bench.say('18EEFF80', '0000000000000000')  # the NAME that wins against all
-    start = bench.now
-    for _ in range(100):
-        bench.run(0.01)
-        assert not bench.session.estop
-    assert bench.session.finder.address == bench.unit.address == 0x81
-    assert bench.moved(0.5) > 0.0
-    assert bench.now - start < 2.0

@@ -5,31 +5,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-import math
 from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import FaultsChanged, Handover, Request, Stopped
+from akron_can_bridge.session import FaultsChanged, Request
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer, Level
 from stage.akron_session_rig import (
     ANNOUNCED,
     Bench,
-    COMMAND_LIMIT,
-    DEPLOY,
     ef,
     faults,
     joystick,
-    LINK_LIMIT,
     MOVE,
     NAME,
     NO_FAULTS,
     NOT_ENABLED,
     of,
     OPERATIONAL_ERROR,
-    OSCILLATES,
     OURS,
     OUTPUTS,
     PIN,
@@ -103,15 +97,6 @@ def test_faults_without_an_error_are_polled_every_second_and_told_once() -> None
     bench.take(NO_FAULTS, NO_FAULTS)
     told = of(FaultsChanged, bench.events[before:])
     assert [len(event.faults) for event in told] == [1, 0]
-
-
-def test_faults_that_are_not_answered_are_not_known() -> None:
-    bench = Bench().find_unit()
-    bench.take(OPERATIONAL_ERROR)
-    bench.run(1.5, REST)
-    assert 'faults are not known' in bench.session.stop_reasons(bench.now)[0]
-    bench.take(NO_FAULTS)
-    assert not bench.session.estop
 
 
 def test_poll_is_repeated_until_its_answer_and_asks_only_for_what_is_missing() -> None:
@@ -246,60 +231,33 @@ def test_reset_without_a_return_times_out() -> None:
     assert 'within 5 s of its reset' in answer.text
 
 
-def test_vista_is_polled_at_its_rate_and_kept() -> None:
-    bench = Bench(vista_rate=2.0).find_unit()
-    bench.run(5.0)
-    assert 9 <= bench.asked().count('21') <= 11
-    off = Bench().find_unit()
-    off.run(5.0)
-    assert '21' not in off.asked()
-
-
 # -- what cannot be asked now ---------------------------------------------------------------------
 
-RESET, SETUP, ZERO = Request.RESET_CONTROLLER, Request.ENTER_SETUP, Request.ZERO_POSITIONS
-ALL = frozenset(Request)
-ALLOWED: dict[str, Any] = {'allowed_joysticks': frozenset({0x34})}
-X, Y, BROKEN = '107D010000000000', '0100046400000000', 'FFFF010000000000'
 
-
-def pushed(data: str) -> Callable[[Turning], Any]:
-    return lambda bench: bench.take(joystick(data, 0x34))
-
-
-def turning(*says: CanFrame) -> Callable[[Turning], Any]:
-    def turn(bench: Turning) -> None:
-        bench.turns, bench.says = True, list(says)
-        bench.run(0.5, REST)
-
-    return turn
-
-
-def silent(bench: Turning) -> None:
-    bench.now += LINK_LIMIT + 0.01  # nobody has looked since
-
-
-DISPLACED = ef('FF83150226021A0C')  # another unit announces itself at our unit's address
-REFUSALS: list[tuple[Callable[[Turning], Any], frozenset[Request], str]] = [
-    (lambda bench: bench.run(0.1, MOVE), frozenset({RESET, SETUP, ZERO}), 'motion is commanded'),
-    *((pushed(data), frozenset({RESET, SETUP, ZERO}), 'stick 34;') for data in (X, Y, BROKEN)),
-    (turning(), frozenset({SETUP, ZERO}), 'the unit moves; stop it first'),
-    (turning(OSCILLATES), frozenset({SETUP, ZERO}), 'the unit oscillates; stop it first'),
-    (silent, ALL, 'silent'),
-    (lambda bench: bench.take(DISPLACED), ALL, 'no unit is heard at present'),
-    (lambda bench: bench.close(), ALL, 'no unit is heard at present'),
-    (lambda bench: [bench.take(joystick(X, 0x34)), bench.run(0.22, REST)], frozenset(), ''),
-    (lambda bench: bench.take(joystick(X, 0x34), joystick(source=0x34)), frozenset(), ''),
+SETUP, ZERO, ALL = Request.ENTER_SETUP, Request.ZERO_POSITIONS, frozenset(Request)
+REST_NEEDED = frozenset({Request.RESET_CONTROLLER, SETUP, ZERO})
+REFUSALS: list[tuple[str, frozenset[Request], str]] = [  # what happens, what is refused, and why
+    ('0.1 move', REST_NEEDED, 'motion is commanded'),
+    ('say right@34', REST_NEEDED, 'stick 34;'),
+    ('say back@34', REST_NEEDED, 'stick 34;'),
+    ('say broken@34', REST_NEEDED, 'stick 34;'),
+    ('turn; 0.5 rest', frozenset({SETUP, ZERO}), 'the unit moves; stop it first'),
+    ('turn; says oscillates; 0.5 rest', frozenset({SETUP, ZERO}), 'the unit oscillates; stop it'),
+    ('late 0.31', ALL, 'silent'),  # nobody has looked since
+    ('say other@80', ALL, 'no unit is heard at present'),  # at our unit's address
+    ('close', ALL, 'no unit is heard at present'),
+    ('say right@34; 0.22 rest', frozenset(), ''),
+    ('say right@34 stick@34', frozenset(), ''),
 ]
 
 
-@pytest.mark.parametrize(('happens', 'refused', 'text'), REFUSALS)
+@pytest.mark.parametrize(('script', 'refused', 'text'), REFUSALS)
 @pytest.mark.parametrize('request_', Request)
 def test_request_that_cannot_be_now_is_refused_in_words(
-    request_: Request, happens: Callable[[Turning], Any], refused: frozenset[Request], text: str
+    request_: Request, script: str, refused: frozenset[Request], text: str
 ) -> None:
-    bench = Turning(**ALLOWED).ready()
-    happens(bench)
+    bench = Turning(allowed_joysticks=frozenset({0x34})).ready()
+    bench.play(script)
     start = bench.now
     if request_ in refused:
         with pytest.raises(ValueError, match=text):
@@ -310,9 +268,29 @@ def test_request_that_cannot_be_now_is_refused_in_words(
         bench.session.request(request_, bench.now)
 
 
+VISTA = {'vista_rate': 10.0}
+ASKED: list[tuple[dict[str, Any], str, str, int, int]] = [
+    # Settings, what happens, a poll, and how often it is sent after the mark at least and at most.
+    ({'unit_address': UNIT}, 'open; mark; say right; wait 3', '02', 0, 0),  # unheard
+    ({'unit_address': UNIT}, 'open; mark; say right; wait 3', '03', 0, 0),
+    ({'unit_address': UNIT}, 'open; mark; say outputs', '02', 1, 1),
+    *(({}, 'open; say unit', poll, 1, 1) for poll in ('02', '03', '04', '05')),
+    ({}, 'find; mark; 5', '21', 0, 0),
+    (VISTA, 'find; mark; 1', '21', 9, 11),
+    (VISTA, 'find; wait 0.4; mark; wait 1', '21', 0, 0),  # it is silent
+    # Its faults may be others by now, and type 01 need not come.
+    ({}, 'find; wait 0.4; mark; say outputs', '02', 1, 1),
+]
+
+
+@pytest.mark.parametrize(('options', 'script', 'poll', 'least', 'most'), ASKED)
+def test_unit_that_is_heard_is_polled(
+    options: dict[str, Any], script: str, poll: str, least: int, most: int
+) -> None:
+    assert least <= Bench(**options).play(script).asked().count(poll) <= most
+
+
 STICK = joystick('7D04010000000000', 0x33)
-ENTERED_SETUP = ef('46', destination=OURS)
-IN_SETUP = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
 
 
 def found(**options: Any) -> Bench:
@@ -338,33 +316,6 @@ def test_unit_that_is_not_enabled_is_a_warning_and_another_stop_is_an_error() ->
     assert levels[foreign] is Level.ERROR
 
 
-# -- what a closed port leaves behind -------------------------------------------------------------
-
-
-def test_closed_port_leaves_nothing_due_and_nothing_known() -> None:
-    bench = Bench(soe_permissive=True).moving()
-    bench.take(OUTPUTS, POSITION)
-    assert bench.session.unit.outputs(bench.now).outputs is not None
-    bench.close()
-    assert bench.session.drive.due == math.inf
-    assert bench.session.farewell(bench.now) == []
-    assert bench.session.unit.outputs(bench.now).outputs is None
-    assert bench.session.unit.faults is None
-
-
-# -- a unit that comes and goes -------------------------------------------------------------------
-
-
-def test_unit_that_was_never_heard_is_asked_nothing() -> None:
-    bench = Bench(unit_address=UNIT)
-    bench.open()
-    bench.take(STICK)
-    bench.wait(3.0)
-    assert bench.asked() == []
-    bench.take(OUTPUTS)
-    assert len(bench.asked()) > 1
-
-
 # -- requests -------------------------------------------------------------------------------------
 
 
@@ -383,15 +334,6 @@ def test_reset_is_answered_although_something_is_asked_meanwhile(request_: Reque
 # -- inputs ---------------------------------------------------------------------------------------
 
 
-def test_command_that_went_stale_before_a_refused_one_is_told_as_stale() -> None:
-    bench = Bench().moving()
-    bench.now += COMMAND_LIMIT + 0.01  # nobody has looked since
-    bench.session.refuse_command('axis 0 is nan', bench.now)
-    bench.poll()
-    (stopped,) = of(Stopped, bench.events)
-    assert stopped.reasons[0].startswith('command is stale')
-
-
 def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() -> None:
     """``coast_time`` may be shorter than the time between two commands."""
     bench = Turning(coast_time=0.1, command_timeout=2.0, estop_in_timeout=2.0).ready()
@@ -402,83 +344,34 @@ def test_unit_may_coast_for_a_short_time_and_move_as_long_as_it_is_asked_to() ->
         assert not bench.session.estop
 
 
-# -- questions ------------------------------------------------------------------------------------
+ASKED_FOR_SETUP = 'find; 0.1 rest; ask enter_setup; say outputs; '
+SETUPS = [  # what happens, and whether the unit may be in setup mode then
+    (ASKED_FOR_SETUP, False),
+    (f'{ASKED_FOR_SETUP}say setup; 0.1 rest', True),
+    ('find; say setup; 0.1 rest', True),  # nobody asked
+    # Its acknowledgement was lost, or what was heard, or the port.
+    (f'{ASKED_FOR_SETUP}1.1 rest', True),
+    (f'{ASKED_FOR_SETUP}lost; say unit outputs well; 1.1 rest', True),
+    (f'{ASKED_FOR_SETUP}close; open; say unit outputs well; 1.1 rest', True),
+]
 
 
-def test_unit_that_is_back_is_asked_for_its_faults_at_once() -> None:
-    """Those of before may be others now, and type 01 need not come."""
-    bench = found()
-    bench.take(*VERSIONS)
-    bench.wait(LINK_LIMIT - 0.1)
-    bench.take(OPERATIONAL_ERROR)
-    assert bench.asked()[-1] == '02'
-    bench.take(NO_FAULTS)
-    bench.wait(LINK_LIMIT + 0.1)
-    assert not bench.session.link_up
-    since = bench.now
-    bench.take(OUTPUTS)
-    assert '02' in bench.asked(since)
-
-
-def test_vista_of_a_unit_that_fell_silent_is_not_polled() -> None:
-    bench = found(vista_rate=10.0)
-    bench.wait(LINK_LIMIT + 0.1)
-    assert not bench.session.link_up
-    since = bench.now
-    bench.wait(1.0)
-    assert '21' not in bench.asked(since)
-
-
-def asked_for_setup() -> Bench:
-    bench = found()
-    bench.run(0.1, REST)
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.poll()
-    bench.take(OUTPUTS)
-    assert IN_SETUP not in bench.session.inhibits(bench.now)
-    return bench
-
-
-def test_unit_that_says_so_is_in_setup_mode_asked_or_not() -> None:
-    for bench in (asked_for_setup(), found()):
-        bench.take(ENTERED_SETUP)
-        bench.run(0.1, REST)
-        assert IN_SETUP in bench.session.inhibits(bench.now)
-        assert [e for e in bench.events if isinstance(e, Handover)][-1].in_setup
-
-
-@pytest.mark.parametrize('lost', ['acknowledgement', 'input', 'port'])
-def test_unit_that_was_asked_for_setup_mode_may_be_in_it_without_its_acknowledgement(
-    lost: str,
+@pytest.mark.parametrize(('script', 'may_be'), SETUPS)
+def test_unit_that_may_be_in_setup_mode_is_not_moved_until_it_was_reset(
+    script: str, may_be: bool
 ) -> None:
-    bench = asked_for_setup()
-    if lost == 'input':
-        bench.session.interrupted('this node was held up', bench.now)
-        bench.poll()
-    elif lost == 'port':
-        bench.session.closed(bench.now)
-        bench.open()
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    start = bench.now
-    bench.run(1.1, REST)
-    bench.run(0.1, MOVE)
-    assert IN_SETUP in bench.session.inhibits(bench.now)
-    assert bench.all_neutral(start)
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.run(2.0, unit=False)
-    bench.take(ANNOUNCED, OUTPUTS, NO_FAULTS)
-    bench.run(0.1, REST)
-    assert bench.session.inhibits(bench.now) == []
-
-
-# -- words ----------------------------------------------------------------------------------------
+    bench = Bench().play(script)
+    said = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
+    assert (said in bench.session.inhibits(bench.now)) is may_be
+    bench.play('mark; 0.1 rest; 0.1 move')
+    assert bench.all_neutral(0.0)
+    if may_be:
+        bench.play('ask reset_controller; 2 gone; say unit outputs well; 0.1 rest')
+        assert bench.session.inhibits(bench.now) == []
 
 
 def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> None:
-    bench = Turning(automatic_motion=True).ready()
-    bench.run(0.1, DEPLOY)
-    bench.turns = True
-    bench.run(0.4, REST)
-    bench.run(0.1, REST, estop=True)
+    bench = Turning(automatic_motion=True)
+    bench.play('find; 2 rest; 0.1 deploy; turn; 0.4 rest; 0.1 rest stop')
     assert bench.session.demand.withheld
     assert 'SOE permission' not in str(bench.session.problems(bench.now))

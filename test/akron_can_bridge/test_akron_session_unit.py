@@ -57,6 +57,7 @@ from stage.akron_session_rig import (
     PIN,
     POSITION,
     REST,
+    Turning,
     VERSIONS,
 )
 
@@ -65,13 +66,40 @@ VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 # -- stops ----------------------------------------------------------------------------------------
 
 
-def test_enable_input_that_is_not_told_any_more_is_a_stop() -> None:
-    bench = Bench().find_unit()
-    for _ in range(4):
-        bench.wait(0.1)
-        bench.take(POSITION)
-    assert bench.session.link_up
-    assert 'enable input is not known' in bench.session.stop_reasons(bench.now)[0]
+MINI: dict[str, Any] = {'device_type': 1033, 'source_address': 0x38}
+FIXED: dict[str, Any] = {'unit_address': 0x90}
+PADDED = 'open; say unit; ' + 10 * 'wait 0.1; say 83C051FFFFFFFFFF; '
+HEALTH: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, why it is a stop
+    ({}, 'open', 'no unit was found (wanted: 6032 Universal II)'),
+    ({}, 'open; say unit', 'faults are not known'),
+    ({}, 'open; say unit outputs', 'faults are not known'),
+    ({}, 'open; say unit well', 'enable input is not known'),
+    ({}, 'find', ''),
+    ({}, 'find; say disabled', 'enable input is not asserted'),
+    ({}, f'find; {4 * "wait 0.1; say 011D940371000041; "}', 'enable input is not known'),
+    ({}, 'find; say 011D940371000045; 1.5 rest', 'faults are not known'),
+    ({}, 'find; say 011D940371000045; 1.5 rest; say well', ''),
+    ({}, PADDED, f'the firmware of unit {PIN}'),
+    ({}, PADDED, 'type 83 cannot have 8 bytes'),
+    ({}, f'{PADDED}wait 1', 'it is silent'),
+    (FIXED, 'open', 'check power and CAN wiring of unit at 90'),
+    (FIXED, 'open; say outputs well', 'unit at 90'),  # that was somebody else
+    (FIXED, 'open; say outputs@90 well@90', ''),
+    (FIXED, 'open; say outputs@90 well@90 disabled@90', 'not asserted'),
+    # A Mini Universal tells its fault itself, by type 84; what others say does not count.
+    (MINI, 'open; say FF83150266021A0B@81', 'no digital outputs (type 84) come'),
+    (MINI, 'open; say FF83150266021A0B@81 848002@81', ''),
+    (MINI, 'open; say FF83150266021A0B@81 84C000@81', 'device faulted'),
+    (MINI, 'open; say FF83150266021A0B@81 848002@82 848002@81 84C000@82', ''),
+    (MINI, 'open; say FF83150266021A0B@81 848002@81 FF83150266021A0B@90 84C000@90', 'faulted'),
+]
+
+
+@pytest.mark.parametrize(('options', 'script', 'reason'), HEALTH)
+def test_health_of_a_unit(options: dict[str, Any], script: str, reason: str) -> None:
+    bench = Turning(**options).play(script)
+    assert bench.session.estop is bool(reason)
+    assert reason in '; '.join(bench.session.stop_reasons(bench.now))
 
 
 # Bits 1 to 5 of the manual's table are the motor axes.
@@ -177,21 +205,6 @@ def test_outputs_and_inputs_are_told_with_those_of_the_neighbours() -> None:
     bench.wait(0.2)
     bench.take(OUTPUTS, ef('844000', 0x82))
     assert of(OutputsChanged, bench.events)[-1].mini is not None
-
-
-def test_mini_universal_as_the_unit_reports_its_fault() -> None:
-    bench = Bench(device_type=1033, source_address=0x38)
-    bench.open()
-    bench.take(ef('FF83150266021A0B', 0x81))  # digits 1-4: 1033 = 409 hex
-    assert bench.session.estop
-    bench.take(ef('848002', 0x81))
-    assert not bench.session.estop
-    bench.take(ef('84C000', 0x81))
-    assert 'device faulted' in bench.session.stop_reasons(bench.now)[0]
-    bench.take(ef('848002', 0x82), ef('848002', 0x81), ef('84C000', 0x82))
-    assert not bench.session.estop
-    bench.take(ef('FF83150266021A0B', 0x90), ef('84C000', 0x90))  # from its next address
-    assert bench.session.estop
 
 
 # -- noise ----------------------------------------------------------------------------------------
@@ -323,20 +336,6 @@ def test_each_cause_has_its_sentence(text: str) -> None:
     assert warning.startswith(text)
 
 
-def test_unit_whose_messages_are_padded_is_not_said_to_be_silent() -> None:
-    bench = Bench()
-    bench.open()
-    bench.take(ANNOUNCED)
-    for _ in range(10):
-        bench.wait(0.1)
-        bench.take(ef('83C051FFFFFFFFFF'))
-    (reason,) = bench.session.stop_reasons(bench.now)
-    assert f'the firmware of unit {PIN}' in reason
-    assert 'type 83 cannot have 8 bytes' in reason
-    bench.wait(1.0)
-    assert 'it is silent' in bench.session.stop_reasons(bench.now)[0]
-
-
 def test_who_the_unit_is_and_who_claims_our_address_is_told_on_change() -> None:
     bench = Bench()
     bench.open()
@@ -421,6 +420,11 @@ FIGURES: list[tuple[dict[str, Any], list[CanFrame], dict[str, Any]]] = [
         {'device_pin': '1032AE100801037'},
         [OTHER_ANNOUNCED],
         {'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)'},
+    ),
+    (
+        {'unit_address': 0x90},
+        [moved(OUTPUTS, 0x90)],
+        {'unit': 'at 90', 'type': '6032 Universal II'},
     ),
     ({}, [ANNOUNCED, *TURNS], {'motion reported': 'moves'}),
     (

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-import json
 from typing import Any
 
-from hypothesis import given, strategies as st
 import pytest
 
-from akron_can_bridge.simulator import BOOT_TIME, frames, Simulator
+from akron_can_bridge.simulator import BOOT_TIME, frames, JoystickSimulator, Simulator
 from bridge_core.j1939 import CanFrame
 from stage.akron_bus import Bench, Bus, RIGHT
 from stage.akron_frames import GOLDEN
@@ -72,11 +70,6 @@ def test_claims_its_address_and_announces_it_when_nobody_contends() -> None:
     claimed, announced = bus.times('18EEFF80')[0], bus.times('18EFFF80', 'FF')[0]
     assert announced - claimed == pytest.approx(0.25)
     assert min(bus.times('18EFFF80', '01')) >= announced
-
-
-def test_twins_do_not_chase_each_other_round_the_addresses() -> None:
-    bus = Bus(Simulator(), Simulator()).run(1.0)
-    assert (len(bus.of('18EEFF80')), bus.of('18EEFF81')) == (2, [])
 
 
 def test_no_address_left_is_said_and_it_stays_silent() -> None:
@@ -267,52 +260,30 @@ def test_muted_or_switched_off_says_nothing() -> None:
     assert len(bench.of('18EFFF80', 'FF')) == 1
 
 
-# -- its frames and our codec ---------------------------------------------------------------------
-
-
-IDENTIFIERS = ['0CFDD633', '0CFDD733', '18EF8005', '18EEFF80', '18EAFF05', '19EF8005']
-
-
-@given(st.binary(max_size=8), st.sampled_from(IDENTIFIERS))
-def test_any_data_is_taken(data: bytes, identifier: str) -> None:
-    bench = Bench()
-    bench.say(identifier, data.hex()).run(0.5)
-    assert json.dumps(bench.described)
-
-
-# -- people at the bench --------------------------------------------------------------------------
+LINES = (  # that say nothing, too much, or what cannot be
+    *('fly', '', 'enable', 'enable maybe', 'fault axis_6 on', 'fault axis_1 maybe'),
+    *('pcode 65536', 'sensor yaw ok', 'sensor rotation good', 'position 6 0', 'position 1 176'),
+    *('position 1 nan', 'limit high 3', 'physical 1 1.5', 'output enable on', 'input up on'),
+    *('output riser_extended on', 'voltage 1024', 'address 7F', 'address XX'),
+)
+STICK_LINES = ('stick z 1', 'stick x 1.1', 'switch 17 on', 'fault x bad', 'address 39', 'fly')
 
 
 @pytest.mark.parametrize(
-    'line',
+    ('kind', 'line'),
     [
-        'fly',
-        '',
-        'enable',
-        'enable maybe',
-        'fault axis_6 on',
-        'fault axis_1 maybe',
-        'pcode 65536',
-        'sensor yaw ok',
-        'sensor rotation good',
-        'position 6 0',
-        'position 1 176',
-        'position 1 nan',
-        'limit high 3',
-        'physical 1 1.5',
-        'output enable on',
-        'output riser_extended on',
-        'input up on',
-        'voltage 1024',
-        'address 7F',
-        'address XX',
+        *((Simulator, line) for line in LINES),
+        (lambda: Simulator(1042), 'physical 1 1'),
+        *((JoystickSimulator, line) for line in STICK_LINES),
     ],
 )
-def test_bad_line_is_refused_with_help(line: str) -> None:
+def test_bad_line_is_refused_with_help(kind: Callable[[], Any], line: str) -> None:
+    simulator = kind()
     with pytest.raises(ValueError, match=r'\w'):
-        Simulator().apply(line)
+        simulator.apply(line)
 
 
-def test_unknown_device_type_is_refused() -> None:
-    with pytest.raises(ValueError, match='1035'):
-        Simulator(1035)
+@pytest.mark.parametrize(('kind', 'number'), [(Simulator, 1035), (JoystickSimulator, 0x39)])
+def test_number_that_no_device_has_is_refused(kind: Callable[[int], Any], number: int) -> None:
+    with pytest.raises(ValueError, match=r'1035|33 to 38'):
+        kind(number)

@@ -104,19 +104,66 @@ def memory(device: PtyDevice) -> Any:
     return device.call(lambda simulator, now: simulator.memory)  # type: ignore[attr-defined]
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Run the command in this process; return exit status, output and errors."""
-    with pytest.raises(SystemExit) as caught:
-        main([str(argument) for argument in arguments])
-    out, error = capsys.readouterr()
-    return int(caught.value.code or 0), out, error
-
-
 # Files.
 
 
-def test_check_of_the_printed_image(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, 'check', file) == (0, f'{file}: 220 bytes, check C87C right\n', '')
+PERIODS_OF_500 = Settings(periods=[500] * 24).to_image()
+OTHER_BODY = GOLDEN[:6] + b'\x7f' + GOLDEN[7:-2]
+FILES = {
+    'good': TEXT,
+    'odd': '\n'.join(textwrap.wrap(PERIODS_OF_500.hex(), 72)),
+    'other': (OTHER_BODY + sums(OTHER_BODY)).hex('\n', -36),
+    'spoilt': TEXT.replace('7E', '7F', 1),
+}
+OUTPUT_2 = (
+    'output 2: at 0 ms CONST, at 1 ms SERIAL, at 1.5 ms LAST, at 2 ms PINv (nibble 1), '
+    'constant 1200 µs, period 20000 µs'
+)
+RUNS: list[tuple[str, int, str]] = [  # arguments, exit status, and what is said
+    ('check good', 0, 'good: 220 bytes, check C87C right'),
+    ('check odd', 0, 'warning: output 1 period is 500 µs: the manual allows 1000 to 32000 µs'),
+    *(
+        ('show good', 0, t)
+        for t in ('user config ID: 126', OUTPUT_2, 'byte 217: 0x00 (not known)')
+    ),
+    ('compare good good', 0, 'no difference'),
+    ('compare good other', 1, 'user config ID: 126 [7E] / 127 [7F]\n1 difference(s)'),
+    # No port is opened for a file that is not sound.
+    *(
+        (f'{command}', 3, 'spoilt is no sound image: its check is C87C')
+        for command in ('check spoilt', 'show spoilt', 'compare spoilt good', 'restore spoilt -p')
+    ),
+    *(
+        (command, 2, 'cannot read gone: No such file or directory')
+        for command in ('check gone', 'show gone', 'restore gone -p')
+    ),
+    *((command, 2, 'ssc_config') for command in ('', 'fly', 'dump x', 'restore x', 'show')),
+    ('dump good -p', 2, 'good exists; say --force to overwrite it'),
+    ('dump good -p --force', 4, 'cannot open /nowhere: no such port'),
+    ('dump good -p --force', 4, 'plug the device in, or set --port. '),
+    ('dump /nowhere/image -p', 2, 'cannot write into /nowhere'),
+]
+
+
+@pytest.mark.parametrize(('arguments', 'status', 'said'), RUNS)
+def test_command_without_a_device(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: str,
+    status: int,
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        Path(name).write_text(text)
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.replace('-p', '--port /nowhere').split())
+    out, error = capsys.readouterr()
+    assert int(caught.value.code or 0) == status
+    assert said in (error if status > 1 else out)
+    assert [bool(out), error.count('\n')] == ([False, 1] if status > 1 else [True, 0])
+    assert {name: Path(name).read_text() for name in FILES} == FILES
 
 
 def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) -> None:
@@ -126,85 +173,6 @@ def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) 
     utf8 = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'}
     done = subprocess.run(command, cwd=ROOT, env=utf8, capture_output=True, check=False)
     assert (done.returncode, b'caf\\udce9' in done.stdout) == (0, True), done.stderr
-
-
-def test_check_warns_of_a_value_out_of_range(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / 'image.txt'
-    spoilt = Settings(periods=[500] * 24).to_image()
-    path.write_text('\n'.join(textwrap.wrap(spoilt.hex(), 72)))
-    status, out, _ = run(capsys, 'check', path)
-    assert status == 0  # the file is sound
-    assert 'warning: output 1 period is 500 µs: the manual allows 1000 to 32000 µs' in out
-
-
-def test_show_tells_every_field(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, 'show', file)
-    lines = out.splitlines()
-    assert status == 0
-    assert 'user config ID: 126' in lines
-    assert (
-        'output 2: at 0 ms CONST, at 1 ms SERIAL, at 1.5 ms LAST, at 2 ms PINv (nibble 1), '
-        'constant 1200 µs, period 20000 µs'
-    ) in lines
-    assert 'byte 217: 0x00 (not known)' in lines
-
-
-def test_compare_names_what_differs(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    other = file.with_name('other.txt')
-    other.write_text(TEXT)
-    assert run(capsys, 'compare', file, other) == (0, 'no difference\n', '')
-    body = GOLDEN[:6] + b'\x7f' + GOLDEN[7:-2]
-    other.write_text((body + sums(body)).hex('\n', -36))
-    status, out, _ = run(capsys, 'compare', file, other)
-    assert status == 1
-    assert out == 'user config ID: 126 [7E] / 127 [7F]\n1 difference(s)\n'
-
-
-@pytest.mark.parametrize('command', ['check', 'show', 'compare', 'restore'])
-def test_image_with_one_flipped_bit_is_refused_before_a_port_is_opened(
-    file: Path, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file.write_text(TEXT.replace('7E', '7F', 1))
-    more = {'compare': [str(file)], 'restore': ['--port', '/nowhere']}.get(command, [])
-    status, out, error = run(capsys, command, file, *more)
-    assert (status, out) == (3, '')
-    assert error.startswith(f'ssc_config: {file} is no sound image: its check is C87C')
-
-
-@pytest.mark.parametrize('command', ['check', 'show', 'restore'])
-def test_file_that_is_not_there(
-    file: Path, command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file.unlink()
-    more = ['--port', '/nowhere'] if command == 'restore' else []
-    status, _, error = run(capsys, command, file, *more)
-    assert status == 2
-    assert error == f'ssc_config: cannot read {file}: No such file or directory\n'
-
-
-@pytest.mark.parametrize('arguments', [[], ['fly'], ['dump', 'x'], ['restore', 'x'], ['show']])
-def test_wrong_arguments(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, error = run(capsys, *arguments)
-    assert status == 2
-    assert error.count('\n') == 1
-    assert error.startswith('ssc_config')
-
-
-def test_dump_does_not_overwrite_a_backup(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, error = run(capsys, 'dump', file, '--port', '/nowhere')
-    assert (status, error) == (2, f'ssc_config: {file} exists; say --force to overwrite it\n')
-    status, _, error = run(capsys, 'dump', file, '--port', '/nowhere', '--force')
-    assert status == 4
-    assert 'cannot open /nowhere: no such port' in error
-    assert 'plug the device in, or set --port. ' in error
-    assert file.read_text() == TEXT
-
-
-def test_dump_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, error = run(capsys, 'dump', '/nowhere/image', '--port', '/nowhere')
-    assert (status, error) == (2, 'ssc_config: cannot write into /nowhere\n')
 
 
 # The unit.

@@ -192,17 +192,6 @@ def test_frequencies_at_the_limits_of_the_manuals_table(
     assert float(fastest['frequency (Hz)']) == pytest.approx(greatest_hz, abs=0.006)
 
 
-def test_the_manuals_example_of_a_time() -> None:
-    # 3.2.3.2: 1000 counts of 16 us are 16000 us.
-    values = timer_values(TimerInput(True, False, 16), Measurement(1000))
-    assert values == {
-        'function': 'Timer In (16us,+,-)',
-        'level': 'high',
-        'state': 'running',
-        'high (s)': '0.016000',
-    }
-
-
 @pytest.mark.parametrize('time_base', TIME_BASES_US)
 @pytest.mark.parametrize(
     ('start', 'stop', 'name'),
@@ -219,32 +208,51 @@ def test_edges_say_what_is_measured(start: bool, stop: bool, name: str, time_bas
     assert ('frequency (Hz)' in values) == (name == 'period')
 
 
-@pytest.mark.parametrize(
-    ('measurement', 'state'),
-    [
-        (Measurement(500, running=True, over_range=True), 'over-range'),
-        (Measurement(500, running=False, over_range=True), 'over-range'),
-        (Measurement(500, running=False), 'stopped'),
-    ],
-)
-def test_over_range_and_stopped_are_told_apart_and_give_no_number(
-    measurement: Measurement, state: str
+PERIOD = TimerInput(True, True, 1)
+NO_NUMBER = dict.fromkeys(('period (s)', 'frequency (Hz)', 'speed (rpm)'), 'unknown')
+AUX_VALUES: list[tuple[AuxChannel, str, dict[str, str]]] = [
+    # A channel, its function in words, and what else is told of it.
+    (AuxChannel(DigitalInput(), False), 'Dig In', {'level': 'low'}),
+    (AuxChannel(PulseOutput(), False), 'Pulse Out (1us,f,+)', {'level': 'low'}),
+    (AuxChannel(UnknownFunction(0x1F), True), 'unknown (0x001F)', {'level': 'high'}),
+    (  # the manual's example, 3.2.3.2: 1000 counts of 16 us are 16000 us
+        AuxChannel(TimerInput(True, False, 16), True, Measurement(1000)),
+        'Timer In (16us,+,-)',
+        {'level': 'high', 'state': 'running', 'high (s)': '0.016000'},
+    ),
+    *(
+        (
+            AuxChannel(PERIOD, True, Measurement(500, running, over_range)),
+            'Timer In (1us,+,+)',
+            {'level': 'high', 'state': state, **NO_NUMBER},
+        )
+        for running, over_range, state in (
+            (True, True, 'over-range'),
+            (False, True, 'over-range'),
+            (False, False, 'stopped'),
+        )
+    ),
+    (
+        AuxChannel(PulseAccumulator(True), False, Measurement(7), 19),
+        'PulAcc In (+)',
+        {
+            'level': 'low',
+            'state': 'counting',
+            'pulses since the last message': '7',
+            'pulses in total': '19',
+        },
+    ),
+]
+
+
+@pytest.mark.parametrize(('channel', 'function', 'values'), AUX_VALUES)
+def test_auxiliary_channel_in_words(
+    channel: AuxChannel, function: str, values: dict[str, str]
 ) -> None:
-    values = timer_values(TimerInput(True, True, 1), measurement)
-    assert values['state'] == state
-    for key in ('period (s)', 'frequency (Hz)', 'speed (rpm)'):
-        assert values[key] == 'unknown'
-
-
-def test_accumulator_tells_pulses_since_the_last_message_and_in_total() -> None:
-    values = convert.aux_values(AuxChannel(PulseAccumulator(True), False, Measurement(7), 19))
-    assert values == {
-        'function': 'PulAcc In (+)',
-        'level': 'low',
-        'state': 'counting',
-        'pulses since the last message': '7',
-        'pulses in total': '19',
-    }
+    assert convert.aux_values(channel) == {'function': function, **values}
+    message = convert.aux_inputs([channel], 'name', 'hardware')
+    assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
+    assert values_of(message)['aux 1 function'] == function
 
 
 def test_lost_pulses_are_a_warning() -> None:
@@ -256,21 +264,6 @@ def test_lost_pulses_are_a_warning() -> None:
     assert 'aux 6 lost pulses' in message.message
     assert values_of(message)['aux 6 pulses in total'] == 'at least 16383'
     assert values_of(message)['aux 6 state'] == 'over-range'
-
-
-def test_every_function_has_its_line() -> None:
-    functions = (DigitalInput(), PulseOutput(), UnknownFunction(0x1F))
-    channels = [AuxChannel(function, False) for function in functions]
-    message = convert.aux_inputs(channels, 'name', 'hardware')
-    assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
-    assert values_of(message) == {
-        'aux 1 function': 'Dig In',
-        'aux 1 level': 'low',
-        'aux 2 function': 'Pulse Out (1us,f,+)',
-        'aux 2 level': 'low',
-        'aux 3 function': 'unknown (0x001F)',
-        'aux 3 level': 'low',
-    }
 
 
 @pytest.mark.parametrize(

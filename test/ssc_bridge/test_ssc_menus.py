@@ -42,6 +42,9 @@ EVERY_TERMINAL = pytest.mark.parametrize(
 )
 
 
+Change = Callable[[bytes], bytes]
+
+
 @dataclass
 class Bench:
     """
@@ -53,8 +56,8 @@ class Bench:
 
     simulator: Simulator = field(default_factory=lambda: Simulator(OTHERS))
     unit: Maintenance = field(default_factory=Maintenance)
-    to_unit: Callable[[bytes], bytes] = lambda data: data
-    from_unit: Callable[[bytes], bytes] = lambda data: data
+    to_unit: Change = lambda data: data
+    from_unit: Change = lambda data: data
     chunk: int = 4096
     latency: float = 0.0  # seconds, of what the unit says
     cancel_at: float = LONGEST
@@ -145,7 +148,7 @@ class Bench:
                 assert self.drives
 
 
-def harm(at: int, bit: int) -> Callable[[bytes], bytes]:
+def harm(at: int, bit: int) -> Change:
     """Flip one bit of one byte of all that passes; 8: lose that byte."""
     passed = 0
 
@@ -210,17 +213,6 @@ def test_unit_that_nobody_switches_off_or_that_is_silent_is_given_up(mute: bool)
     assert bench.drives
 
 
-def test_image_that_is_always_damaged_is_refused_and_the_unit_runs_on() -> None:
-    bench = Bench(
-        Simulator(image=GOLDEN.data), from_unit=lambda data: data.replace(b'C87C', b'C87D')
-    )
-    dialogue = bench.dump()
-    assert dialogue.result is None
-    assert 'no sound image in two tries: its check is C87D' in str(dialogue.error)
-    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
-    assert bench.drives
-
-
 def with_a_line_of_zeros() -> bytes:
     """Return an image whose sums stay right where the fourth line is lost."""
     body = bytearray(GOLDEN.data[:-2])
@@ -229,49 +221,42 @@ def with_a_line_of_zeros() -> bytes:
     return bytes(body) + sums(bytes(body))
 
 
-def losing_zeros(times: int) -> Callable[[bytes], bytes]:
-    """Lose a line of zeros of so many images."""
+def losing_zeros(times: int, then: tuple[bytes, bytes] = (b'', b'')) -> Change:
+    """Lose a line of zeros of so many images. :param then: what is another thing afterwards."""
     left = times
 
     def change(data: bytes) -> bytes:
         nonlocal left
         place = data.find(b'0' * 72 + b'\r\n')
-        if place < 0 or not left:
+        if place < 0:
             return data
         left -= 1
-        return data[:place] + data[place + 74 :]
+        return data[:place] + data[place + 74 :] if left >= 0 else data.replace(*then)
 
     return change
 
 
-@pytest.mark.parametrize('times', [0, 1])
-def test_lost_line_of_zeros_that_the_sums_do_not_see_is_read_again(times: int) -> None:
-    image = Image(with_a_line_of_zeros())
-    bench = Bench(Simulator(image=image.data), from_unit=losing_zeros(times))
-    assert bench.dump().result == bench.unit.image == image
-    assert bench.drives
+ZEROS = with_a_line_of_zeros()
+SHORT = ZEROS[:108] + ZEROS[144:]
+READINGS: list[tuple[bytes, Callable[[], Change], bytes | None, int]] = [
+    # What is stored, what becomes of it on its way, what is read, and how often it is asked for.
+    (ZEROS, lambda: losing_zeros(0), ZEROS, 1),
+    (ZEROS, lambda: losing_zeros(1), ZEROS, 2),  # the sums did not see the line that was lost
+    (ZEROS, lambda: losing_zeros(2), SHORT, 2),  # another size counts once it came twice alike
+    (ZEROS, lambda: losing_zeros(1, (b'4E20', b'4E21')), None, 2),
+    (GOLDEN.data, lambda: lambda data: data.replace(b'C87C', b'C87D'), None, 2),
+]
 
 
-def test_image_of_another_size_counts_once_it_came_twice_alike() -> None:
-    image = with_a_line_of_zeros()
-    bench = Bench(Simulator(image=image), from_unit=losing_zeros(2))
-    assert bench.dump().result == bench.unit.image == Image(image[:108] + image[144:])
-    assert bench.keys.replace(ENTRY, b'').count(b'D') == 2
-
-
-def test_image_of_another_size_that_came_only_once_is_refused() -> None:
-    readings = 0
-
-    def change(data: bytes) -> bytes:
-        nonlocal readings
-        readings += b'0' * 72 in data
-        return short(data) if readings == 1 else data.replace(b'4E20', b'4E21')
-
-    short = losing_zeros(1)
-    bench = Bench(Simulator(image=with_a_line_of_zeros()), from_unit=change)
+@pytest.mark.parametrize(('stored', 'harm_it', 'result', 'times'), READINGS)
+def test_image_counts_if_it_is_sound_and_of_a_size_that_is_known_or_came_twice(
+    stored: bytes, harm_it: Callable[[], Change], result: bytes | None, times: int
+) -> None:
+    bench = Bench(Simulator(image=stored), from_unit=harm_it())
     dialogue = bench.dump()
-    assert dialogue.result is bench.unit.image is None
-    assert 'printed no sound image in two tries' in str(dialogue.error)
+    assert dialogue.result == bench.unit.image == (None if result is None else Image(result))
+    assert ('no sound image in two tries' in str(dialogue.error)) is (result is None)
+    assert bench.keys.replace(ENTRY, b'').count(b'D') == times
     assert bench.unit.how_it_stands == Standing.UNCHANGED.value
     assert bench.drives
 
@@ -291,79 +276,96 @@ def test_restore_loads_checks_saves_restarts_and_reads_back(terminal: Terminal) 
     assert progress == [f'{n} of 220 bytes sent' for n in (36, 72, 108, 144, 180, 216, 220)]
 
 
-@EVERY_TERMINAL
-@pytest.mark.parametrize('taken', [0, 1, 17, 18, 72, 300, 400])
-def test_refused_digits_end_the_image_before_one_of_them_becomes_a_key(
-    terminal: Terminal, taken: int
-) -> None:
-    terminal = Terminal(terminal.echoes, terminal.asks_for_key, takes_digits=taken)
-    bench = Bench(Simulator(OTHERS, terminal=terminal))
-    dialogue = bench.restore()
-    assert 'FAILED' in str(dialogue.error)
-    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
-    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
-    bench.assert_truth()
+def digit_changed(place: int) -> Callable[[Bench], None]:
+    def change_it(bench: Bench) -> None:
+        digits = 0
+
+        def change(data: bytes) -> bytes:
+            nonlocal digits
+            digits += bench.sending and data.isalnum()
+            return b'B' if digits == place + 1 and data.isalnum() else data
+
+        bench.to_unit = change
+
+    return change_it
 
 
-@pytest.mark.parametrize('place', [0, 77, 434])
-def test_digit_changed_on_the_way_is_found_before_anything_is_saved(place: int) -> None:
-    digits = 0
+def locked_out(bench: Bench) -> None:
+    """Lock it out behind the restart."""
 
     def change(data: bytes) -> bytes:
-        nonlocal digits
-        digits += bench.sending and data.isalnum()
-        return b'B' if digits == place + 1 and data.isalnum() else data
+        if data == ENTRY and bench.simulator.memory.saves:
+            bench.simulator._locked = True
+        return data
 
-    bench = Bench(to_unit=change)
-    dialogue = bench.restore()
-    assert digits >= place + 1
-    assert 'did not take the image' in str(dialogue.error)
-    assert (bench.simulator.memory.saves, bench.simulator.memory.erasures) == (0, 0)
-    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    bench.to_unit = change
+
+
+def habits(
+    *, asks: bool = False, takes: int, echoes: bool = False, latency: float = 0.0
+) -> Callable[[Bench], None]:
+    def change(bench: Bench) -> None:
+        bench.simulator.terminal = Terminal(echoes, asks, takes_digits=takes)
+        bench.latency = latency
+
+    return change
+
+
+FAILED: list[tuple[Callable[[Bench], Any], str, Standing, int]] = [
+    # What harms it, what is said of that, how the unit stands, and how often it saved something.
+    *(
+        (habits(echoes=echoes, asks=asks, takes=taken), 'FAILED', Standing.UNCHANGED, 0)
+        for echoes in (False, True)
+        for asks in (False, True)
+        for taken in (0, 1, 17, 18, 72, 300, 400)
+    ),
+    *(
+        (digit_changed(place), 'did not take the image', Standing.UNCHANGED, 0)
+        for place in (0, 77, 434)
+    ),
+    (
+        lambda bench: bench.simulator.apply('memory worn'),
+        'does not hold what was saved',
+        Standing.UNCHANGED,
+        1,
+    ),
+    (locked_out, 'lock it out', Standing.SAVING, 1),
+    # Digits go on for 0.5 s: 4, which is refused, then E, which erases it, then 2 ...
+    (habits(takes=304, latency=0.5), 'stopped listening', Standing.SPOILT, 0),
+]
+
+
+@pytest.mark.parametrize(('harm_it', 'words', 'standing', 'saves'), FAILED)
+def test_restore_that_fails_says_how_the_unit_stands(
+    harm_it: Callable[[Bench], Any], words: str, standing: Standing, saves: int
+) -> None:
+    bench = Bench()
+    harm_it(bench)
+    assert words in str(bench.restore().error)
+    assert bench.unit.standing is standing
+    assert bench.simulator.memory.saves == saves
+    assert bool(bench.simulator.memory.erasures) is (standing is Standing.SPOILT)
     bench.assert_truth()
 
 
 def test_image_of_another_size_is_not_sent() -> None:
     body = GOLDEN.data[:-2] + b'\0'
     bench = Bench()
-    dialogue = bench.restore(Image(body + sums(body)))
-    assert 'has 221 bytes' in str(dialogue.error)
+    assert 'has 221 bytes' in str(bench.restore(Image(body + sums(body))).error)
     assert b'I' not in bench.keys.replace(ENTRY, b'')
-    assert bench.unit.how_it_stands == Standing.UNCHANGED.value
+    assert bench.unit.standing is Standing.UNCHANGED
     assert bench.drives
 
 
-def test_memory_that_does_not_keep_is_found_out_by_the_restart() -> None:
+def test_unit_that_was_erased_is_told_and_mended() -> None:
+    bench = Bench(to_unit=lambda data: b'E' if data == b'D' else data)
+    assert bench.dump().error is not None
+    assert bench.simulator.memory.erasures == 1
+    assert bench.unit.standing is Standing.GARBLED
     bench = Bench()
-    bench.simulator.apply('memory worn')
-    dialogue = bench.restore()
-    assert 'does not hold what was saved' in str(dialogue.error)
-    assert bench.unit.standing is Standing.UNCHANGED
-    bench.assert_truth()
-
-
-def test_unit_that_erases_itself_is_told() -> None:
-    bench = Bench(
-        Simulator(OTHERS, terminal=Terminal(asks_for_key=False, takes_digits=304)), latency=0.5
-    )
-    dialogue = bench.restore()  # digits go on for 0.5 s: 4, which is refused, then E, then 2 ...
-    assert bench.simulator.memory.erasures > 0
-    assert 'stopped listening' in str(dialogue.error)
-    assert bench.unit.standing is Standing.SPOILT
-
-
-def test_unit_locked_out_after_the_restart_leaves_it_uncertain() -> None:
-    bench = Bench()
-
-    def lock_out(data: bytes) -> bytes:
-        if data == ENTRY and bench.simulator.memory.saves:
-            bench.simulator._locked = True
-        return data
-
-    bench.to_unit = lock_out
-    dialogue = bench.restore()
-    assert 'lock it out' in str(dialogue.error)
-    assert bench.unit.how_it_stands == Standing.SAVING.value
+    bench.simulator.apply('memory erased')
+    assert bench.restore().result == GOLDEN
+    assert bench.drives
 
 
 # Truth, whatever happens.
@@ -385,21 +387,6 @@ def test_byte_harmed_on_its_way_from_the_unit_is_never_hidden(at: int, bit: int)
     bench = Bench(Simulator(Settings(config_id=42, rates=[0] * 5)), from_unit=harm(at, bit))
     bench.restore()
     bench.assert_truth()
-
-
-def test_d_that_becomes_e_is_told() -> None:
-    bench = Bench(to_unit=lambda data: b'E' if data == b'D' else data)
-    dialogue = bench.dump()
-    assert bench.simulator.memory.erasures == 1
-    assert dialogue.error is not None
-    assert bench.unit.standing is Standing.GARBLED
-
-
-def test_restore_mends_a_unit_that_was_erased() -> None:
-    bench = Bench()
-    bench.simulator.apply('memory erased')
-    assert bench.restore().result == GOLDEN
-    assert bench.drives
 
 
 @settings(max_examples=40)

@@ -13,7 +13,7 @@ from bridge_core.session import Level
 from bridge_core.transports.request import Call
 from ssc_bridge.session import FailsafeBegun
 from stage.proving_mux import MUX, ProvingMux
-from stage.ssc_rig import PAN, Rig, status
+from stage.ssc_rig import PAN, Rig
 
 LIMIT = 0.25
 
@@ -117,18 +117,6 @@ def test_half_of_the_limit_is_a_warning_and_figures_are_told(
     warned = [text for level, text in rig.session.problems(rig.now) if level is Level.WARN]
     assert any(f'what {MUX} says' in text for text in warned) == is_warned
     assert rig.session.values(rig.now)['age limit (s)'] == LIMIT
-
-
-def test_line_over_a_network_is_doubted_and_its_frames_come_in_parts() -> None:
-    rig = driven()
-    rig.session.expect_gaps(0.3)
-    assert any('over a network' in text for text in rig.session.doubts(rig.now))
-    frames, data = rig.session.counters.frames, status()
-    rig.session.receive(data[:3], rig.now)
-    rig.session.receive(data[3:], rig.now + 0.25)
-    assert rig.session.counters.frames == frames + 1
-    rig.session.expect_gaps(0.0)
-    assert rig.session.doubts(rig.now) == []
 
 
 def aged(rig: MuxRig) -> None:

@@ -180,14 +180,14 @@ def test_new_wire_undoes_what_no_name_tells_it_of(observer: Observer, tmp_path: 
         bench.wait(lambda: driven() == (0, False, 0), 'the release')
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSEGV])
-def test_node_that_dies_leaves_the_failsafe(
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL, signal.SIGSEGV])
+def test_node_that_ends_or_dies_leaves_the_failsafe(
     observer: Observer, tmp_path: Path, number: int
 ) -> None:
     with bench_of(tmp_path, observer, **SERVOS) as bench:
         drive(bench)
         wire, cause = frozen(bench, 'wire'), time.monotonic()
-        bench.node.end(number)
+        assert (bench.node.end(number) == 0) is (number == signal.SIGTERM)
         bench.wait(lambda: not is_running(wire), 'the end of the wire')
         bench.wait(lambda: FAILSAFE in pulses_since(bench, cause), 'the failsafe')
         assert pulses_since(bench, cause)[-1] == FAILSAFE

@@ -97,12 +97,6 @@ def test_image_is_checked_as_the_printed_one() -> None:
     assert Settings.from_image(GOLDEN).constants[:10] == list(range(1100, 2001, 100))
 
 
-def test_configured_rates_are_kept() -> None:
-    device = Device(Settings(rates=[1, 2, 10, 50, 0])).run(9.95)
-    counts = [device.data.count(bytes((0x81, 0xA1, kind))) for kind in range(10, 15)]
-    assert counts == pytest.approx([10, 20, 100, 500, 0], abs=1)
-
-
 def test_every_message_can_be_polled_and_has_its_length() -> None:
     device = Device(quiet(inputs=5, config_id=200, aux=[0x181, 0, 0x82, 0, 0, 0]))
     sizes = {kind: len(device.poll(kind)) for kind in range(10, 16)}
@@ -242,20 +236,6 @@ def test_pulse_output_takes_time_and_period_and_one_shot_fires_on_time_only() ->
 
 
 # Power, menus, memory.
-
-
-def test_menus_open_within_five_seconds_of_power_on_only() -> None:
-    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 4.8)
-    assert 'MAIN MENU' in device.press('ssconfig')
-    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 5.1)
-    assert device.press('ssconfig') == ''
-
-
-@pytest.mark.parametrize('split', range(1, 8))
-def test_entry_string_is_found_in_any_split_and_after_noise(split: int) -> None:
-    device = Device(quiet()).apply('reboot', seconds=BOOT_TIME + 0.1)
-    device.hear(b'\x81\xa1sscon' + b'ssconfig'[:split])
-    assert 'MAIN MENU' in device.press('ssconfig'[split:])
 
 
 @pytest.mark.parametrize(('kind', 'flag'), [(LOCKOUT, 0), (COMMAND, 1)])
