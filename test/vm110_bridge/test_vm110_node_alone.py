@@ -8,7 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
 import pytest
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Bool, UInt8MultiArray
 
 from bridge_core import clock
 from bridge_core.watchdog import FreezeWatch, FROZEN
@@ -98,6 +98,31 @@ def test_command_that_is_done_before_a_base_unit_is_heard_is_acknowledged_by_a_r
     assert acknowledged(bench) == []
     bench.take(build_packet('VRCI', vrci(5), 10, 7))
     assert acknowledged(bench) == [b'\5\0']
+
+
+# -- what withholds VRPO --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('heard', [False, True])
+def test_hold_of_a_publisher_that_is_gone_or_never_heard_lets_nothing_go(
+    node: Vm110Bridge, monkeypatch: pytest.MonkeyPatch, heard: bool
+) -> None:
+    asked: list[tuple[Any, ...]] = []
+
+    def request(method: Any, *given: Any, **_: Any) -> None:
+        asked.append((method, *given))
+
+    monkeypatch.setattr(node, 'request', request)
+    if heard:
+        node._on_hold_output(Bool(data=False))
+        assert asked.pop() == (Session.set_hold_output, False)
+    bench = next_session(node, vrci(5))
+    bench.wait(0.5)
+    assert any(frame.startswith(b'VRPO') for _, frame in bench.sent) is not heard
+    node.on_unheard('best effort')
+    node.on_unheard_gone()
+    forgets = [(Session.forget_hold_output,)] * (not heard)
+    assert asked == [(Session.set_hold_output, True), *forgets]
 
 
 # -- to the remote --------------------------------------------------------------------------------
