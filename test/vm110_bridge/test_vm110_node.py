@@ -120,13 +120,6 @@ def bench(observer: Observer) -> Iterator[Bench]:
         yield bench
 
 
-@pytest.fixture
-def delivered(observer: Observer) -> Iterator[Bench]:
-    """Give one whose node takes a freeze for what it is."""
-    with bench_of(observer, patient=False) as bench:
-        yield bench
-
-
 def test_nothing_is_known_of_a_remote_before_a_base_unit_is_heard(observer: Observer) -> None:
     given, space = {'input_port': free_port(), 'interface_address': LOOPBACK}, namespace()
     armed = observer.record(Bool, f'{space}/{NAME}/armed', latched())
@@ -199,51 +192,32 @@ def sources(*stations: Station) -> list[str]:
     return [f'{host}:{port}' for host, port in names]
 
 
-def frozen_after_a_vrpi(bench: Bench) -> float:
-    """Freeze the node, not in the midst of publishing; return the moment."""
-    bench.joy.clear()
-    bench.wait(lambda: bench.joy.messages, 'joy')
-    bench.node.signal(signal.SIGSTOP)
-    return time.monotonic()
-
-
 def said(bench: Bench, state: BuState, since: float) -> bool:
     return any(data[:4] == b'VRPI' and data[16] == state for _, data in bench.station.sent(since))
 
 
-def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(
-    delivered: Bench,
-) -> None:
-    bench = delivered.arm('stick 1 1 1')
-    for _ in range(5):
-        bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
-        frozen = frozen_after_a_vrpi(bench)
-        bench.station.apply('stop 1 on')
-        bench.wait(functools.partial(said, bench, BuState.STOPPED, frozen), 'STOPPED')
-        moment = bench.station.apply('stop 1 off', 'arm 1')
-        bench.wait(functools.partial(said, bench, BuState.ARMED, moment), 'ARMED')
-        bench.estop.clear()  # of before the freeze
-        bench.node.signal(signal.SIGCONT)
-        bench.wait(lambda: any(bench.estop.data), 'the stop')
-        bench.wait_stop(False)
-
-
-def test_sticks_that_waited_while_the_process_was_frozen_are_not_published(
-    delivered: Bench,
-) -> None:
-    bench = delivered.arm('stick 1 1 1')
+def freeze_through_a_stop(bench: Bench) -> None:
     bench.wait(lambda: bench.joy.last.axes[0] == 1.0, 'the stick')
-    frozen = frozen_after_a_vrpi(bench)
-    bench.observer.holds_for(lambda: True, 1.0)  # it is what a frozen process misses
-    bench.wait(lambda: len(bench.station.sent(frozen)) > 4, 'VRPI')
-    bench.station.apply('stall on')
     bench.joy.clear()
-    bench.estop.clear()
+    bench.wait(lambda: bench.joy.messages, 'joy')  # so that it is not in the midst of publishing
+    bench.node.signal(signal.SIGSTOP)
+    frozen = bench.station.apply('stop 1 on')
+    bench.wait(lambda: said(bench, BuState.STOPPED, frozen), 'STOPPED')
+    moment = bench.station.apply('stop 1 off', 'arm 1')
+    bench.wait(lambda: said(bench, BuState.ARMED, moment), 'ARMED')
+    bench.estop.clear()  # of before the freeze
     bench.node.signal(signal.SIGCONT)
-    bench.wait(lambda: bench.joy.messages, 'the neutral joy')
-    bench.wait(lambda: any(bench.estop.data), 'the stop')
-    bench.observer.holds_for(lambda: bench.estop.data[-1], 0.5, 'no release')
-    assert not any(any(message.axes) for message in bench.joy.messages)
+
+
+def test_stop_that_came_and_went_while_the_process_was_frozen_is_a_stop(
+    observer: Observer,
+) -> None:
+    with bench_of(observer, patient=False) as bench:
+        bench.arm('stick 1 1 1')
+        for _ in range(5):
+            freeze_through_a_stop(bench)
+            bench.wait(lambda: any(bench.estop.data), 'the stop')
+            bench.wait_stop(False)
 
 
 def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
