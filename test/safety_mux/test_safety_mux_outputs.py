@@ -207,6 +207,22 @@ def test_takeover_is_logged_and_told_at_once(
     assert said == ["ACTIVE: operator 'fort' took over", 'fort']
 
 
+def test_stop_that_follows_a_stop_is_logged_once(
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
+) -> None:
+    stepped, said = step_mux(), []
+    assert stepped.reset().ok
+    assert stepped.run(0.3) is State.READY
+    monkeypatch.setattr(stepped.mux, 'get_logger', lambda: SimpleNamespace(info=said.append))
+    stepped.stop = True
+    assert stepped.run(0.3) is State.STOPPED
+    for _ in range(2):
+        stepped.topic('estop.drive.topic').take(Bool(data=True), stepped.now)
+        stepped.mux._tick(stepped.now)
+    demands = [f"STOPPED: e-stop source '{name}' demands a stop" for name in ('fort', 'drive')]
+    assert [text[: len(words)] for text, words in zip(said, demands, strict=True)] == demands
+
+
 def test_what_was_due_while_nobody_asked_is_said_once() -> None:
     story = ((0.0, True), (9.0, True), (9.0, True), (9.9, True), (10.0, True), (12.0, True))
     told = [(0.0, True), (9.0, True), (10.0, True), (12.0, True)]
