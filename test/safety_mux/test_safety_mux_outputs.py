@@ -210,7 +210,8 @@ def test_takeover_is_logged_and_told_at_once(
 def test_stop_that_follows_a_stop_is_logged_once(
     monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:
-    stepped, said = step_mux(), []
+    stepped = step_mux()
+    said: list[str] = []
     assert stepped.reset().ok
     assert stepped.run(0.3) is State.READY
     monkeypatch.setattr(stepped.mux, 'get_logger', lambda: SimpleNamespace(info=said.append))
