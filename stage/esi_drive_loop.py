@@ -20,7 +20,6 @@ class Loop:
         self,
         *,
         compact: bool = False,
-        enable_delay: float = 0.02,
         disable_delay: float = 0.0,
         **changes: Any,
     ) -> None:
@@ -29,7 +28,6 @@ class Loop:
             axes=layout.axes,
             compact=compact,
             status_rate=200.0,
-            enable_delay=enable_delay,
             disable_delay=disable_delay,
         )
         self.line = FaultyLine(random.Random(1))  # from the drive
@@ -40,7 +38,6 @@ class Loop:
         self.enable = self.estop = False
         self.mux_alive = True
         self.command = 0.0
-        self.heard: list[int] = []  # by motor A while it is enabled, in counts
         self._mux_at = self.now
         self._send(self.session.opened(self.now))
 
@@ -48,10 +45,7 @@ class Loop:
         self.events += output[0]
         for frame in output[1]:
             self.session.sent(frame, self.now)
-            enabled = self.motor_enabled
             self.drive.receive(frame, self.now)
-            if enabled and self.motor_enabled:
-                self.heard.append(self.drive.describe()['command'][0])  # type: ignore[index]
 
     def run(self, seconds: float) -> None:
         end = self.now + seconds

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 import pytest
 from sensor_msgs.msg import JointState
 
-from esi_drive_bridge.axes import axes_of, Axis, to_counts
+from esi_drive_bridge.axes import axes_of, Axis
 from esi_drive_bridge.convert import command_values, joint_state
 from esi_drive_bridge.parameters import PARAMETERS
 from esi_drive_bridge.protocol import AxisStatus, Mode, Status
@@ -133,15 +133,6 @@ def test_wrong_commands_are_refused_with_the_reason(message: JointState, text: s
     with pytest.raises(ValueError, match=text) as refusal:
         command_values(message, (LEFT, RIGHT))
     assert len(str(refusal.value)) < 500
-
-
-@pytest.mark.parametrize(('wanted', 'count'), [(32768.0, 32767), (-32769.0, -32768)])
-def test_a_count_beyond_a_packet_is_cut_and_a_position_refused(wanted: float, count: int) -> None:
-    values, (text,) = to_counts((wanted,), (Axis('j', Mode.TORQUE, 1.0),))
-    assert values == (count,)
-    assert text.startswith('command j within ±3.277e+04 A')
-    with pytest.raises(ValueError, match='command j within'):
-        to_counts((wanted,), (Axis('j', Mode.POSITION, 1.0),))
 
 
 # Feedback.

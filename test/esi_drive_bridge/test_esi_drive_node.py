@@ -23,15 +23,12 @@ from bridge_core.proof import Challenge, nanoseconds, Proof
 from bridge_core.proof_topics import PROOF_QOS
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.simulator import Simulator
-from stage.esi_drive_bench import Bench, command, DEVICE, LINK, STALE
-from stage.esi_drive_rig import status
+from stage.esi_drive_bench import Bench, command, DEVICE, LINK
 from stage.rig import latched, NodeProcess, Observer, ROOT
-from stage.run_delay import RunDelay
 from stage.talkers import namespace, Talker
 from stage.toy_rig import wires_of
 
 pytestmark = pytest.mark.waits(100)
-COMMAND_TIMEOUT = 0.1
 DOUBLED = 'stop one of the two publishers'
 RPM = 2.0 * math.pi / 60.0  # rad/s
 _FILE = ROOT / 'test/vectors/esi.json'
@@ -55,14 +52,6 @@ def bench(shared: Bench) -> Bench:
 # Commands.
 
 
-def test_command_becomes_the_manuals_packet(bench: Bench) -> None:
-    (entry,) = [entry for entry in VECTORS['command'] if entry['unit'] == 'rpm']
-    bench.command.message = command(*(value * RPM for value in entry['value']))
-    frame = bytes.fromhex(entry['hex'])
-    since = time.monotonic()
-    bench.enabling(lambda: frame in b''.join(c.data for c in bench.drive.received(since)))
-
-
 def test_proofs_say_which_joint_states_are_the_newest(bench: Bench) -> None:
     proofs = bench.observer.record(UInt8MultiArray, f'{bench.name}/proof', PROOF_QOS)
     challenge = f'{bench.name}/challenge'
@@ -76,38 +65,14 @@ def test_proofs_say_which_joint_states_are_the_newest(bench: Bench) -> None:
     bench.wait(lambda: len(proven()) > 1, 'proofs of joint states')
 
 
-@pytest.mark.parametrize('name', ['command', 'enable', 'estop_in'])
-def test_input_that_falls_silent_disables_and_its_return_does_not_enable(
-    bench: Bench, name: str
+def test_command_as_large_as_a_message_may_be_stops_and_is_counted_and_explained(
+    bench: Bench,
 ) -> None:
     bench.enabling()
-    talker: Talker = getattr(bench, name)
-    talker.pause()
-    bench.stopped_since(time.monotonic(), COMMAND_TIMEOUT + STALE)
-    moment = time.monotonic()
-    talker.resume()
-    bench.holds(lambda: not any(p.enables for p in bench.drive.packets(moment)), 0.3)
-    bench.quiet()
-    bench.enabling()
-
-
-@pytest.mark.parametrize(
-    ('message', 'text'),
-    [
-        (command(1.0, math.nan), 'nan'),
-        (command(1.0, names=tuple(f'{n:0300}' for n in range(150))), 'name each of'),
-    ],
-    ids=['NaN', 'large'],
-)
-def test_command_that_makes_no_sense_stops_and_is_counted_and_explained(
-    bench: Bench, message: JointState, text: str
-) -> None:
-    bench.enabling()
-    before = int(bench.value('refused commands') or 0)
-    bench.command.message = message
+    bench.command.message = command(1.0, names=tuple(f'{n:0300}' for n in range(150)))
     bench.stopped_since(time.monotonic())
-    bench.wait(lambda: int(bench.value('refused commands') or 0) > before, 'the count', 5.0)
-    bench.wait(lambda: text in bench.value('disabled because'), f'{text} in the reason', 5.0)
+    bench.wait(lambda: int(bench.value('refused commands') or 0) > 0, 'the count', 5.0)
+    bench.wait(lambda: 'name each of' in bench.value('disabled because'), 'the reason', 5.0)
     assert bench.diagnostics.value(LINK, 'wire restarts') == '0'
     bench.command.message = command(0, 0)
     bench.quiet()
@@ -127,34 +92,6 @@ def test_second_mux_disables_and_its_stops_are_no_edges(bench: Bench) -> None:
         bench.wait(lambda: DOUBLED in bench.problems(), 'the reason')
         bench.holds(lambda: not any(p.enables for p in bench.drive.packets(told)), 1.0)
         bench.wait(lambda: not bench.estop.last.data, 'no stop: nothing is wrong with the drive')
-    bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
-    bench.quiet()
-    bench.enabling()
-
-
-def test_second_commander_disables_by_one_word_that_others_follow_before_it_is_read(
-    bench: Bench,
-) -> None:
-    bench.enabling()
-    topic = f'{bench.name}/command'
-    second = bench.observer.publisher(JointState, topic)
-
-    looks = itertools.count(1)
-
-    def known() -> bool:  # to a node that was not held up meanwhile, or had ten seconds for it
-        delay = RunDelay([bench.node.process.pid])
-        bench.holds(lambda: True, 0.3)
-        return next(looks) > 30 or delay.seconds() < 0.1
-
-    bench.wait(known, 'a node that knows it, too')
-    bench.command.pause()  # nothing more, or a node that waits for its turn keeps the newest ten
-    bench.node.signal(SIGSTOP)
-    second.publish(command(0, 0))
-    bench.command.publisher.publish(command(0, 0))
-    bench.node.signal(SIGCONT)
-    bench.wait(lambda: DOUBLED in bench.problems(), 'the reason')
-    bench.command.resume()
-    bench.observer.node.destroy_publisher(second)
     bench.wait(lambda: DOUBLED not in bench.problems(), 'only one again')
     bench.quiet()
     bench.enabling()
@@ -204,34 +141,6 @@ def test_status_packet_becomes_joint_states_in_rad_per_second(bench: Bench) -> N
     bench.wait(lambda: not bench.enabled.last.data, 'not enabled, as nothing is heard any more')
 
 
-def test_fault_and_its_end_in_one_read_are_both_published(bench: Bench) -> None:
-    every = bench.observer.record(Bool, f'{bench.name}/estop', 100)
-    bench.wait(lambda: every.data[-1:] == [False], 'no stop')
-    for _ in range(5):
-        cause = bench.drive.write(status(errors=1) + status())
-
-        def changes(cause: float = cause) -> list[bool]:
-            data = [message.data for _, message in every.since(cause)]
-            return [value for value, _ in itertools.groupby(data)]
-
-        bench.wait(lambda: changes()[-2:] == [True, False], 'a stop, and its end')
-
-
-# Clearing errors.
-
-
-def test_clear_errors_answers_when_the_drive_has(bench: Bench) -> None:
-    bench.drive.apply('fault a overspeed on')
-    bench.wait(lambda: bench.estop.last.data, 'a stop')
-    refused = bench.observer.call(Trigger, f'{bench.name}/clear_errors')
-    assert not refused.success
-    assert 'overspeed' in refused.message.lower()
-    bench.drive.apply('fault a overspeed off')
-    assert bench.observer.call(Trigger, f'{bench.name}/clear_errors').success
-    bench.wait(lambda: not bench.estop.last.data, 'no stop')
-    assert not bench.drive.enabled
-
-
 def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None:
     bench.enabling()
     bench.drive.apply('stuck a on')
@@ -243,21 +152,6 @@ def test_drive_that_stays_enabled_is_a_stop_and_called_out(bench: Bench) -> None
 
 
 # Layouts, modes, lifecycle: a node each.
-
-
-@pytest.mark.parametrize('layout', ['padded', 'compact'])
-def test_single_axis_drive_moves_in_both_layouts(
-    tmp_path: Path, observer: Observer, layout: str
-) -> None:
-    simulator = Simulator(axes=1, compact=layout == 'compact')
-    bench = Bench(tmp_path, observer, simulator, joint_names=['winch'], single_axis_layout=layout)
-    bench.command.message = command(100 * RPM, names=('winch',))
-    try:
-        bench.quiet()
-        bench.enabling(until=lambda: bench.joints.last.velocity[0] > 50.0 * RPM)
-        assert list(bench.joints.last.name) == ['winch']
-    finally:
-        bench.close()
 
 
 def test_torque_and_position_joints_have_their_fields_and_units(

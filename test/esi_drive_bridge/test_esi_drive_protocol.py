@@ -3,15 +3,13 @@
 
 """Golden bytes are the manual's examples (4.2.3 to 4.2.5) or done by hand from its tables."""
 
-from collections.abc import Callable
 import json
-import math
 from typing import Any
 
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.framing import FrameError, StreamParser
+from bridge_core.framing import FrameError
 from esi_drive_bridge.protocol import (
     AxisCommand,
     AxisState,
@@ -26,7 +24,6 @@ from esi_drive_bridge.protocol import (
     status_parser,
 )
 from stage.esi_drive_rig import crc
-from stage.parser_rig import frames_of
 from stage.rig import ROOT
 
 VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'esi.json').read_text())
@@ -255,53 +252,3 @@ def test_status_repeats_another_with_the_same_bits_whatever_was_measured() -> No
     state = Status((AxisStatus(), AxisStatus()))
     error = Status((AxisStatus(), AxisStatus(AxisState.ENABLED, 0, MotorError.OVERCURRENT)))
     assert status.repeats(state) is status.repeats(error) is False
-
-
-# The stream.
-
-STATUS_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['status_derived']]
-COMMAND_WIRE = [bytes.fromhex(entry['hex']) for entry in VECTORS['command']]
-HEADER_INSIDE = packet('F0 F0 F0 00 F0 F0 F0 F0')  # every field full of headers
-STREAMS: dict[str, tuple[Callable[[Layout], StreamParser[Any]], Layout, list[bytes]]] = {
-    'dual command': (command_parser, Layout.DUAL, COMMAND_WIRE),
-    'dual status': (status_parser, Layout.DUAL, [*STATUS_WIRE, HEADER_INSIDE]),
-    'compact command': (
-        command_parser,
-        Layout.COMPACT,
-        [packet('05 E8 03'), packet('F0 F0 F0'), packet('00 00 00')],
-    ),
-    'compact status': (
-        status_parser,
-        Layout.COMPACT,
-        [packet('01 E8 03 00'), packet('F0 F0 F0 F0'), packet('40 00 00 00')],
-    ),
-}
-
-
-@pytest.fixture(params=STREAMS)
-def stream(request: pytest.FixtureRequest) -> tuple[StreamParser[bytes], list[bytes]]:
-    make, layout, frames = STREAMS[request.param]
-    return frames_of(make(layout)), frames * 3
-
-
-def flush(parser: StreamParser[bytes], now: float) -> list[bytes]:
-    """Let partial frames expire until nothing is pending."""
-    frames = []
-    while parser.deadline < math.inf:
-        now = parser.deadline
-        frames += parser.poll(now)
-    return frames
-
-
-def test_one_flipped_bit_anywhere_loses_at_most_its_frame(
-    stream: tuple[StreamParser[bytes], list[bytes]],
-) -> None:
-    parser, frames = stream
-    data = b''.join(frames)
-    size = len(frames[0])
-    for bit in range(8 * len(data)):
-        broken = bytearray(data)
-        broken[bit // 8] ^= 1 << bit % 8
-        hit = bit // 8 // size
-        found = parser.feed(bytes(broken), 0.0) + flush(parser, 0.0)
-        assert found == frames[:hit] + frames[hit + 1 :]

@@ -95,29 +95,6 @@ def test_a_position_begins_where_the_axis_stands_and_moves_both_ways() -> None:
     assert values(rig.tick(5))[-4:] == [1015, 1005, 1000, 1000]
 
 
-@pytest.mark.parametrize('first', [0, 1])
-def test_position_of_the_axis_that_is_enabled_first_is_held_under_a_load(first: int) -> None:
-    rig = Rig(axes=axes(Mode.POSITION, slew_limit=LIMIT))
-    rig.command = (9000.0, 9000.0)
-    rig.status = status(feedback=(1000, 1000))
-    rig.press()
-    state = (1, 0) if first == 0 else (0, 1)
-    place = [1003, 1003]  # by the first status that knows it enabled, it may have moved
-    held = 1003
-    for _ in range(20):
-        rig.status = status(*state, feedback=(place[0], place[1]))
-        told = fields(rig.tick()[-1])
-        assert (told[first][2], told[1 - first][2]) == (held, place[1 - first])
-        place[first] = told[first][2] - 40  # it gives way by so much
-        place[1 - first] += 7  # turned by hand
-    rig.status = status(1, 1, feedback=(place[0], place[1]))
-    told = fields(rig.tick()[-1])
-    assert rig.phase() is Phase.ENABLED
-    assert (told[first][2], told[1 - first][2]) == (held, place[1 - first])
-    told = fields(rig.tick()[-1])
-    assert (told[first][2], told[1 - first][2]) == (held + STEP, place[1 - first] + STEP)
-
-
 ANSWERS = st.tuples(st.booleans(), st.booleans(), st.integers(-99, 99), st.integers(-99, 99))
 
 

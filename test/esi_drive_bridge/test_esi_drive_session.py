@@ -616,13 +616,9 @@ def test_axis_b_of_a_drive_that_should_have_none_is_told() -> None:
     assert rig.session.warnings(rig.now)[0].startswith('name two joints in joint_names')
 
 
-def test_status_at_1_khz_does_not_fit_115200() -> None:
-    (text,) = make_settings(baud=115200, status_rate=1000.0).line_warnings()
+def test_line_that_is_too_slow_is_a_warning() -> None:
+    (text,) = Rig(baud=115200, status_rate=1000.0).session.warnings(0.0)
     assert '12 bytes at 1000 Hz need 120000 bit/s, the line has 115200' in text
-    rig = Rig(baud=115200, status_rate=1000.0)
-    assert rig.session.warnings(rig.now) == [text]
-    assert make_settings(baud=115200, command_rate=1000.0, status_rate=900.0).line_warnings() == ()
-    assert make_settings(baud=230400, command_rate=1000.0).line_warnings() == ()
 
 
 def test_values_say_phase_reasons_counters_and_bits(rig: Rig) -> None:

@@ -123,6 +123,24 @@ def test_feedback_may_come_and_go_while_the_joints_stand(mux: WatchedMux) -> Non
         assert mux.run(0.1) is State.READY
 
 
+def test_parameters_count_from_the_activation_on(mux: WatchedMux) -> None:
+    parameters = {
+        'operator.fort.scale': [2.0],
+        'joint.left.max': 2.0,
+        'joint.right.max': 2.0,
+        'estop.fort.topic': 'button',
+    }
+    assert mux.change(**parameters)
+    topics = [name.rpartition('/')[2] for name in mux.mux._inputs._watches]
+    assert 'button' in topics
+    mux.run(2.0)
+    assert mux.reset().ok
+    mux.run(1.5)
+    mux.joy = sticks(1.0, deadman=True)
+    assert mux.run(1.5) is State.ACTIVE
+    assert mux.arbiter.limiter.output == (2.0, 2.0)
+
+
 def test_stop_of_a_deactivation_is_not_undone_by_an_activation_before_it(
     monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
 ) -> None:

@@ -8,19 +8,18 @@ import contextlib
 from functools import partial
 import math
 from signal import SIGCONT, SIGSTOP, SIGTERM
-from threading import Event, Thread
+from threading import Event
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter as Setting
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -36,16 +35,15 @@ from safety_mux.listening import ESTOP_QOS
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import Decision, State
 from stage.endings import each_ending
-from stage.fed_mux import FedMux, LIMIT, StepMux, TICK
+from stage.fed_mux import LIMIT, StepMux, TICK
 from stage.mux_talkers import (
     MuxBench,
     NewMux,
     SILENCE_STOPS_WITHIN,
     sticks,
-    TIMEOUT,
 )
 from stage.rig import latched, NodeProcess, Observer, wait_for
-from stage.talkers import namespace, Talker, values_of
+from stage.talkers import namespace, values_of
 
 pytestmark = pytest.mark.waits(240)
 
@@ -100,61 +98,10 @@ def test_status_from_the_start_says_what_is_missing(new_mux: NewMux) -> None:
     assert 'the mux has started' in values['last transition']
 
 
-def test_stick_becomes_a_command_with_the_joints_names(mux: MuxBench) -> None:
-    mux.active(0.5)
-    # Dead band 0.05, 10 rad/s at full deflection.
-    expected = (0.5 - 0.05) / 0.95 * 10.0
-    mux.wait(lambda: mux.command.last.velocity[0] == pytest.approx(expected), 'the demand')
-    assert list(mux.command.last.name) == ['left', 'right']
-    assert mux.command.last.velocity[1] == pytest.approx(expected)
-    assert not mux.command.last.position
-    mux.wait(lambda: mux.enable.last.data, 'enable')
-    mux.joy.message = sticks()
-    mux.wait(lambda: mux.says('READY'), 'READY')
-    mux.wait(lambda: not any(mux.command.last.velocity) and not mux.enable.last.data, 'nothing')
-
-
 def test_command_topics_are_never_transient_local(mux: MuxBench) -> None:
     for topic in ('command', 'enable'):
         (endpoint,) = mux.observer.node.get_publishers_info_by_topic(f'{mux.name}/{topic}')
         assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
-
-
-def test_stop_is_explained_by_the_diagnostics_of_its_source(mux: MuxBench) -> None:
-    name = f'{mux.space.lstrip("/")}/fort_vsc_bridge: device'
-    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message='pull the button')
-    status.values = [
-        KeyValue(key='code.1', value='acme.button'),
-        KeyValue(key='code.1.n', value='7'),
-    ]
-    diagnostics = Talker(
-        mux.observer, DiagnosticArray, '/diagnostics', DiagnosticArray(status=[status])
-    )
-    try:
-        mux.fort_estop.message = Bool(data=True)
-        mux.wait(lambda: mux.explains("'fort' demands a stop: pull the button"), 'why')
-        values = values_of(mux.status.last)
-        place = next(key for key, text in values.items() if 'pull the button' in text)
-        code = place.replace('inhibit ', 'code.')
-        assert values['code'] == values[code] == 'mux.source.echo'  # its own e-stop is false
-        mux.fort_own_estop.message = Bool(data=True)
-        wanted = {'code': 'acme.button', code: 'acme.button', f'{code}.n': '7'}
-        mux.wait(lambda: wanted.items() <= values_of(mux.status.last).items(), 'its code')
-        mux.fort_own_estop.message = Bool(data=False)
-        status.level = DiagnosticStatus.OK
-        diagnostics.message = DiagnosticArray(status=[status])
-        mux.wait(lambda: mux.explains("'fort' demands a stop: see /diagnostics"), 'no why')
-        mux.fort_estop.message = Bool(data=False)
-        mux.ready()
-        status.message = 'ok; mode is Menu: leave the menu'
-        mux.wait(
-            lambda: mux.explains(
-                "press the deadman of 'fort' to take control; its device says: mode"
-            ),
-            'why the remote is quiet',
-        )
-    finally:
-        diagnostics.leave()
 
 
 def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
@@ -170,40 +117,6 @@ def test_stop_that_was_lost_in_a_flood_of_messages_stops(mux: MuxBench) -> None:
         mux.fort_estop.publisher.publish(Bool(data=False))
     mux.node.signal(SIGCONT)
     mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-
-
-@pytest.mark.parametrize('source', ['fort', 'drive'])
-def test_stop_of_any_source_stops_and_latches(mux: MuxBench, source: str) -> None:
-    mux.active()
-    talker: Talker = getattr(mux, f'{source}_estop')
-    cause = time.monotonic()
-    talker.publisher.publish(Bool(data=True))  # once, between messages that say false
-    mux.stopped_since(cause)
-    said = f"e-stop source '{source}'"
-    mux.wait(lambda: values_of(mux.status.last)['stopped by'] == said, 'by whom')
-    assert f'{said} demands a stop' in values_of(mux.status.last)['inhibit 1']
-
-
-@pytest.mark.parametrize(
-    ('talker', 'said'),
-    [('fort_estop', "e-stop source 'fort' is stale"), ('joy', "operator 'fort' is stale")],
-)
-def test_silence_stops_with_age_and_limit_in_words(mux: MuxBench, talker: str, said: str) -> None:
-    mux.active()
-    getattr(mux, talker).pause()
-    mux.stopped_since(time.monotonic(), SILENCE_STOPS_WITHIN)
-    mux.wait(lambda: mux.explains(said, f'limit {TIMEOUT * 1e3:.0f} ms'), 'why')
-
-
-def test_trip_that_is_ended_asks_nobody_to_stop_and_needs_a_reset(mux: MuxBench) -> None:
-    mux.active()
-    assert mux.trip().success
-    mux.wait(mux.is_stopped, 'stop, disable and 0')
-    mux.joy.message = sticks()
-    mux.wait(lambda: mux.end_trip().success, 'the end of the trip')
-    mux.wait(lambda: not any(r.last.data for r in mux.stop_demand.values()), 'no stop demand')
-    mux.observer.holds_for(mux.is_stopped, 0.5)
-    mux.ready()
 
 
 def test_diagnostics_carry_another_level_at_once(
@@ -222,25 +135,6 @@ def test_diagnostics_carry_another_level_at_once(
     mux._publish_status(stepped.now)
     good, bad = DiagnosticStatus.OK, DiagnosticStatus.WARN
     assert [level for _, level in levels] == [good, bad, bad]
-
-
-# Publishers that cannot be heard, or that say something else.
-
-
-def test_best_effort_estop_publisher_is_named(mux: MuxBench) -> None:
-    qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    topic = f'{mux.space}/esi_drive_bridge/estop'
-    mux.active()
-    cause = time.monotonic()
-    weak = Talker(mux.observer, Bool, topic, Bool(data=False), qos=qos)
-    try:
-        mux.stopped_since(cause, 3.0)
-        mux.wait(lambda: mux.explains('observer publishes', 'best effort'), 'its name')
-    finally:
-        weak.leave()
-    mux.joy.message = sticks()
-    mux.wait(lambda: mux.is_past('best effort'), 'it is gone')
-    mux.ready()
 
 
 def test_publisher_of_another_type_on_an_estop_topic_is_named(mux: MuxBench) -> None:
@@ -339,64 +233,6 @@ def test_requests_that_cannot_be_are_refused_and_end_nothing(
     assert observer.state(mux.name) == 'active'
     mux.wait(lambda: mux.says('ACTIVE'), 'the same as before')
     assert not any(message.data for _, message in mux.estop.since(moment))
-
-
-def test_parameters_that_are_set_while_inactive_count_from_the_activation_on(
-    observer: Observer, new_mux: NewMux
-) -> None:
-    mux = new_mux()
-    mux.active(1.0)
-    mux.wait(lambda: min(mux.command.last.velocity) > 2.5, 'a speed beyond the limit to come')
-    assert not observer.set_parameter(mux.name, 'joint.left.max', 2.0)[0]
-    assert observer.change_state(mux.name, 'deactivate')
-    button = mux.talker(Bool, 'button', Bool(data=False))
-    for name, value in (
-        ('operator.fort.scale', [2.0]),
-        ('joint.left.max', 2.0),
-        ('joint.right.max', 2.0),
-        ('estop.fort.own_topic', ''),  # not that of another node
-        ('estop.fort.topic', f'{mux.space}/button'),
-    ):
-        assert observer.set_parameter(mux.name, name, value) == (True, '')
-    mux.joy.message = sticks()
-    mux.command.clear()
-    assert observer.change_state(mux.name, 'activate')
-    mux.active(1.0)
-    mux.wait(lambda: max(mux.command.last.velocity) == 2.0, 'the new limit')
-    mux.observer.holds_for(lambda: max(mux.command.last.velocity) <= 2.0, 0.5)
-    assert max(max(message.velocity) for message in mux.command.messages) == 2.0
-    button.message = Bool(data=True)  # the topic of before still says clear
-    mux.wait(lambda: mux.says('STOPPED'), 'the stop of the new topic')
-
-
-def test_stop_that_follows_a_stop_is_logged_and_no_reason_is_told_twice(
-    new_mux: NewMux,
-) -> None:
-    mux = new_mux()
-    mux.active()
-    for talker, name in ((mux.fort_estop, 'fort'), (mux.drive_estop, 'drive')):
-        talker.message = Bool(data=True)
-        line = f"STOPPED: e-stop source '{name}' demands a stop"
-        mux.wait(lambda line=line: line in mux.node.output, f'{line!r} in the log')
-    mux.wait(lambda: mux.explains("'fort' demands a stop", "'drive' demands a stop"), 'both')
-    values = values_of(mux.status.last)
-    texts = [text for key, text in values.items() if key.startswith('inhibit')]
-    assert len(set(texts)) == len(texts)
-    assert '; '.join(texts).count("source 'fort' demands a stop") == 1
-    for talker in (mux.fort_estop, mux.drive_estop):
-        talker.message = Bool(data=False)
-    mux.wait(lambda: "'fort' demands a stop" in mux.why().split(';')[0], 'the former reason')
-
-
-def test_refused_reset_is_in_the_status_until_one_counts(mux: MuxBench) -> None:
-    mux.fort_estop.message = Bool(data=True)
-    mux.wait(lambda: mux.explains("'fort' demands a stop"), 'a stop')
-    assert not mux.reset().success
-    mux.wait(lambda: 'the last reset was refused' in mux.why(), 'the refusal')
-    assert "'fort' demands a stop" in values_of(mux.status.last)['last reset']
-    mux.fort_estop.message = Bool(data=False)
-    mux.active()
-    mux.wait(lambda: 'last reset' not in values_of(mux.status.last), 'no refusal')
 
 
 @each_ending
@@ -564,23 +400,15 @@ def hanging(mux: SafetyMux) -> Iterator[None]:
         gate.set()
 
 
-def test_mux_that_hangs_answers_that_nothing_was_done(own_mux: SafetyMux) -> None:
+def test_mux_that_hangs_answers_that_nothing_was_done_and_does_what_stops_when_it_goes_on(
+    own_mux: SafetyMux,
+) -> None:
+    """Whatever diagnostics say meanwhile."""
+    asked = own_mux.asked
     with hanging(own_mux):
-        for service in (own_mux.asked.on_reset, own_mux.asked.on_end_trip):
-            response = service(Trigger.Request(), Trigger.Response())
-            assert not response.success
-            assert 'nothing was done' in response.message
-        own_mux.shut_down()
-        assert own_mux.lane._calls  # the stop, for when it goes on
-    wait_for(lambda: own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED, what='it')
-    assert not own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped)
-
-
-def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(own_mux: SafetyMux) -> None:
-    with hanging(own_mux):
-        trip = own_mux.asked.on_trip(Trigger.Request(), Trigger.Response())
-        deselection = own_mux.asked.on_select_autonomy(SetBool.Request(), SetBool.Response())
-        own_mux.asked.on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
+        trip = asked.on_trip(Trigger.Request(), Trigger.Response())
+        deselection = asked.on_select_autonomy(SetBool.Request(), SetBool.Response())
+        asked.on_select_autonomy(SetBool.Request(data=True), SetBool.Response())
         for response in (trip, deselection):
             assert not response.success
             assert 'it stops as soon as it goes on: nothing was done' in response.message
@@ -588,17 +416,10 @@ def test_stop_that_is_asked_of_a_mux_that_hangs_comes_when_it_goes_on(own_mux: S
         assert trip_ == own_mux._trip
         assert isinstance(select, partial)
         assert select.args == (False,)
-    wait_for(
-        lambda: own_mux.lane.call(lambda: own_mux._arbiter.status(clock.now()).tripped),
-        what='the trip',
-    )
-
-
-def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
-    own_mux: SafetyMux,
-) -> None:
-    with hanging(own_mux):
-        own_mux.asked.on_trip(Trigger.Request(), Trigger.Response())
+        for service in (asked.on_reset, asked.on_end_trip):
+            response = service(Trigger.Request(), Trigger.Response())
+            assert not response.success
+            assert 'nothing was done' in response.message
         waits = len(own_mux.lane._calls)
         name = f'{own_mux.get_namespace().lstrip("/")}/fort_vsc_bridge: device'
         level = DiagnosticStatus.ERROR
@@ -606,12 +427,15 @@ def test_trip_is_kept_for_a_mux_that_hangs_whatever_diagnostics_say_meanwhile(
         for _ in range(100):
             own_mux._on_diagnostics(DiagnosticArray(status=status))
         assert len(own_mux.lane._calls) == waits + 1
+        own_mux.shut_down()
+        assert len(own_mux.lane._calls) > waits + 1  # the stop, for when it goes on
 
     def explained() -> bool:
         tripped = own_mux._arbiter.status(clock.now()).tripped
         return tripped and own_mux._arbiter.sources['fort'].device_words == '99'
 
     wait_for(lambda: own_mux.lane.call(explained), what='the trip, and the newest text')
+    assert own_mux.lane.call(lambda: own_mux._last_state) is State.STOPPED
 
 
 def reset_of(mux: SafetyMux) -> str:
@@ -676,47 +500,6 @@ def test_hang_of_the_services_that_no_bridge_would_notice_refuses_nothing(
     stepped.mux.asked.look()
     stepped.run(services.LOOK_PERIOD + input_guard._FREEZE - TICK)
     assert reset_of(stepped.mux).startswith('reset: READY')
-
-
-def test_reset_that_waits_for_services_that_hang_is_not_done(
-    context: Any, observer: Observer
-) -> None:
-    """Whoever asked may have given up by then, and be where the machine moves."""
-    fed = FedMux(context, use_sim_time=True)  # which stands
-    hangs, gate, ending = Event(), Event(), Event()
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(fed.mux)
-
-    def spin() -> None:
-        while not ending.is_set():
-            executor.spin_once(timeout_sec=0.1)
-
-    def hang() -> None:
-        hangs.set()
-        gate.wait()
-
-    thread = Thread(target=spin)
-    thread.start()
-    try:
-        name = fed.mux.get_fully_qualified_name()
-        observer.wait_for(fed.may_reset, what='all clear')
-        assert observer.call(Trigger, f'{name}/end_trip', tries=5).message  # it knows us
-        executor.create_task(hang)
-        observer.wait_for(hangs.is_set, what='services that hang')
-        reply = observer.client(Trigger, f'{name}/reset').call_async(Trigger.Request())
-        observer.holds_for(lambda: not reply.done(), 1.0, 'no answer')
-        gate.set()
-        observer.wait_for(reply.done, what='the answer')
-        assert 'this node was frozen' in reply.result().message
-        assert fed.state() is State.STOPPED
-        reset = partial(observer.call, Trigger, f'{name}/reset')
-        observer.wait_for(lambda: fed.may_reset() and reset().success, what='one in time')
-    finally:
-        gate.set()
-        ending.set()
-        thread.join()
-        executor.shutdown()
-        fed.mux.destroy_node()
 
 
 def test_mux_that_hangs_says_nothing(own_mux: SafetyMux, observer: Observer) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist, TwistStamped, Vector3
+from geometry_msgs.msg import Twist, Vector3
 from hypothesis import given, strategies as st
 import pytest
 from rclpy.qos import DurabilityPolicy
@@ -30,7 +30,7 @@ from safety_mux.protocol import State
 from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, StepMux, TICK
 from stage.mux_talkers import NewMux, sticks
-from stage.rig import latched, NodeProcess, Observer
+from stage.rig import Observer
 from stage.talkers import namespace, values_of
 
 DEADBAND = 0.05
@@ -207,6 +207,23 @@ def test_takeover_is_logged_and_told_at_once(
     assert said == ["ACTIVE: operator 'fort' took over", 'fort']
 
 
+def test_stop_that_follows_a_stop_is_logged_once(
+    monkeypatch: pytest.MonkeyPatch, step_mux: StepMux
+) -> None:
+    stepped = step_mux()
+    said: list[str] = []
+    assert stepped.reset().ok
+    assert stepped.run(0.3) is State.READY
+    monkeypatch.setattr(stepped.mux, 'get_logger', lambda: SimpleNamespace(info=said.append))
+    stepped.stop = True
+    assert stepped.run(0.3) is State.STOPPED
+    for _ in range(2):
+        stepped.topic('estop.drive.topic').take(Bool(data=True), stepped.now)
+        stepped.mux._tick(stepped.now)
+    demands = [f"STOPPED: e-stop source '{name}' demands a stop" for name in ('fort', 'drive')]
+    assert [text[: len(words)] for text, words in zip(said, demands, strict=True)] == demands
+
+
 def test_what_was_due_while_nobody_asked_is_said_once() -> None:
     story = ((0.0, True), (9.0, True), (9.0, True), (9.9, True), (10.0, True), (12.0, True))
     told = [(0.0, True), (9.0, True), (10.0, True), (12.0, True)]
@@ -264,12 +281,6 @@ def test_gate_lets_through(name: str) -> None:
             expected = [axes_and_buttons(' '.join(sent))] if sent else []
             assert went == [(pytest.approx(axes), buttons) for axes, buttons in expected], step
             assert not went or gate.messages[-1].header == STAMPED
-
-
-def test_end_of_control_is_neutral_before_the_tick_goes_on() -> None:
-    gate = Gate().in_control()
-    gate.gate.decide(False, gate.now)
-    assert list(gate.messages[-1].buttons) == [0, 0]
 
 
 @pytest.mark.parametrize('tick', [0.007, 0.01, 0.011])
@@ -413,15 +424,6 @@ def parameters(values: dict[str, Any]) -> list[Any]:
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
-def test_node_gates_an_axis_by_its_button(context: Any) -> None:
-    values = {'gated_joy': True, 'axis': [1, 0], 'axis_buttons': [-1, 4], 'pressed_at': 2}
-    overrides = parameters({f'operator.fort.{name}': value for name, value in values.items()})
-    mux = SafetyMux(context=context, namespace=namespace(), parameter_overrides=overrides)
-    gate = mux._gated_joys['fort']
-    mux.destroy_node()
-    assert (gate._axis_buttons, gate._pressed_at) == ({0: [4]}, 2)
-
-
 def test_axis_of_two_joints_is_let_go_of_at_the_lesser_of_their_deadbands(context: Any) -> None:
     for deadbands in ([0.05, 0.6], [0.6, 0.05]):
         values = {'gated_joy': True, 'mixing': 'none', 'axis': [1, 1], 'deadband': deadbands}
@@ -469,29 +471,15 @@ def test_operator_without_a_deadman_is_told_what_his_device_says(
     assert f'limit 1000 ms{words or ": start its node"}' in stepped.message()
 
 
-@pytest.mark.parametrize(
-    ('buttons', 'given', 'said'),
-    [
-        ({3: 1}, {}, "operator 'fort': buttons pressed: 3; its deadman: 0"),
-        ({0: 1}, {'operator.fort.deadman_buttons': [0, 2]}, 'pressed: 0; its deadman: 0 and 2'),
-        ({0: 1}, {'operator.fort.pressed_at': 2}, ''),
-        ({}, {}, ''),
-    ],
-    ids=['another', 'a half', 'a switch that is not on', 'none'],
-)
-def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(
-    step_mux: StepMux, buttons: Any, given: Any, said: str
-) -> None:
-    stepped = step_mux(**given)
+def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(step_mux: StepMux) -> None:
+    stepped = step_mux(**{'operator.fort.deadman_buttons': [0, 2], 'operator.fort.pressed_at': 2})
     assert stepped.reset().ok
     assert stepped.run(LIMIT + 0.1) is State.READY
-    for button, value in buttons.items():
-        stepped.joy.buttons[button] = value
-    assert stepped.run(0.1) is State.READY
-    assert said in stepped.message()
-    assert ('buttons pressed' in stepped.message()) == bool(said)
-    stepped.run(10.0)  # a switch stays on, and nobody holds it
-    assert 'buttons pressed' not in stepped.message()
+    for value, said in ((1, ''), (2, "operator 'fort': buttons pressed: 0; its deadman: 0 and 2")):
+        stepped.joy.buttons[0] = value
+        assert stepped.run(0.1) is State.READY
+        assert said in stepped.message()
+        assert ('buttons pressed' in stepped.message()) == bool(said)
 
 
 @pytest.mark.parametrize(
@@ -535,104 +523,55 @@ def test_drive_that_does_not_enable_says_why_in_the_status_of_the_mux(step_mux: 
     assert said.endswith(f'; its device says: {expected}')
 
 
-def test_joy_of_the_owner_goes_through_and_is_neutral_from_release_and_stop_on(
-    observer: Observer, new_mux: NewMux
+def test_joy_and_button_of_the_owner_go_through_from_control_on_to_release_or_stop(
+    step_mux: StepMux,
 ) -> None:
-    mux = new_mux(operator__fort__gated_joy=True)
-    record = observer.record(Joy, f'{mux.name}/joy/fort')
+    given = {'gated_joy': True, 'buttons': ['horn=2'], 'mixing': 'none', 'axis': [1, 0]}
+    given |= {'axis_buttons': [-1, 5]}
+    stepped = step_mux(**{f'operator.fort.{name}': value for name, value in given.items()})
+    joys: list[Any] = []
+    horns: list[bool] = []
+    stepped.gate('fort').publisher = SimpleNamespace(publish=joys.append)
+    stepped.mux._buttons['horn'].topic.publisher = SimpleNamespace(
+        publish=lambda message: horns.append(message == bool_message(True)),
+        get_subscription_count=lambda: 1,
+    )
 
-    def pushed() -> Joy:
-        """Return the sticks of one who drives, and has another stick and button besides."""
-        message = sticks(0.5, deadman=True)
-        message.axes[3], message.buttons[2] = -0.75, 1
-        return message
+    def run(deadman: bool, pushed: bool, own_button: bool = False) -> State:
+        """Have him hold his deadman, and push two other sticks and the horn besides."""
+        stepped.joy = sticks(deadman=deadman)
+        if pushed:
+            stepped.joy.axes[0] = stepped.joy.axes[4] = 0.5
+            stepped.joy.buttons[2] = 1
+        stepped.joy.buttons[5] = int(own_button)
+        joys.clear()
+        horns.clear()
+        return stepped.run(LIMIT + 0.1)
 
     def is_neutral() -> bool:
-        message = record.last
-        return not (any(message.axes) or any(message.buttons))
+        return bool(joys and horns) and not any([*joys[-1].axes, *joys[-1].buttons, horns[-1]])
 
-    def is_passed_on() -> None:
-        mux.joy.message = pushed()
-        mux.wait(lambda: list(record.last.axes) == list(pushed().axes), 'all his axes')
-        assert list(record.last.buttons) == list(pushed().buttons)
-
-    def stays_neutral() -> None:
-        mux.wait(is_neutral, 'neutral')
-        record.clear()
-        mux.wait(lambda: len(record.messages) > 5, 'its repeats')
-        assert not any(any(m.axes) or any(m.buttons) for m in record.messages)
-
-    mux.wait(lambda: record.messages and is_neutral(), 'neutral from the first message on')
-    assert (len(record.last.axes), len(record.last.buttons)) == (6, 8)
-    mux.active()
-    is_passed_on()
-    mux.joy.message = pushed()
-    mux.joy.message.buttons[0] = 0  # the deadman alone
-    mux.wait(lambda: mux.says('READY'), 'READY')
-    stays_neutral()
-    mux.joy.message = sticks()
-    mux.wait(lambda: mux.explains('press the deadman'), 'a rested operator')
-    mux.joy.message = sticks(deadman=True)
-    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-    is_passed_on()
-    mux.fort_estop.publisher.publish(Bool(data=True))
-    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-    stays_neutral()
-
-
-def test_stick_that_was_held_before_control_is_named_and_moves_nothing(
-    observer: Observer, new_mux: NewMux
-) -> None:
-    mux = new_mux(operator__fort__gated_joy=True)
-    record = observer.record(Joy, f'{mux.name}/joy/fort')
-    message = sticks(deadman=True)
-    message.axes[4] = 0.5
-    mux.ready()
-    mux.joy.message = message
-    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-    mux.wait(lambda: mux.explains('leaves out what was held before', 'axis 4'), 'its name')
-    mux.wait(lambda: record.last.buttons[0] == 1, 'the rest of his Joy')
-    assert not any(any(each.axes) for each in record.messages)
-    mux.joy.message = sticks(deadman=True)
-    mux.wait(lambda: mux.is_past('leaves out') or not mux.inhibits(), 'let go of')
-    mux.joy.message = message
-    mux.wait(lambda: record.last.axes[4] == pytest.approx(0.5), 'the stick')
-
-
-def test_button_with_a_name_is_true_while_its_owner_holds_it_and_pressed_it_in_control(
-    observer: Observer, new_mux: NewMux
-) -> None:
-    mux = new_mux(operator__fort__buttons=['horn=2'])
-    record = observer.record(Bool, f'{mux.name}/button/horn')
-
-    def is_said(value: bool) -> None:
-        mux.wait(lambda: record.messages and record.last.data is value, f'the horn: {value}')
-
-    def pressed(horn: int, deadman: bool = True) -> Joy:
-        message = sticks(deadman=deadman)
-        message.buttons[2] = horn
-        return message
-
-    mux.ready()
-    mux.joy.message = pressed(1)  # before control and with it
-    mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-    mux.wait(lambda: len(record.messages) > 10, 'the horn, again and again')
-    assert not any(each.data for each in record.messages)
-    mux.joy.message = pressed(0)
-    mux.joy.say()
-    mux.joy.message = pressed(1)
-    is_said(True)
-    mux.joy.message = pressed(0)
-    is_said(False)
-    mux.joy.message = pressed(1)
-    is_said(True)
-    mux.fort_estop.publisher.publish(Bool(data=True))
-    is_said(False)
-    mux.wait(lambda: mux.says('STOPPED'), 'STOPPED')
-    record.clear()
-    mux.wait(lambda: len(record.messages) > 5, 'its repeats')
-    assert not any(each.data for each in record.messages)
-    assert f'{mux.name}/joy/fort' not in dict(observer.node.get_topic_names_and_types())
+    assert stepped.reset().ok
+    for end in ('release', 'stop'):
+        assert run(deadman=False, pushed=False) is State.READY
+        assert is_neutral()
+        assert (len(joys[-1].axes), len(joys[-1].buttons)) == (6, 8)
+        assert run(deadman=True, pushed=True, own_button=True) is State.ACTIVE
+        assert not any(any(joy.axes) for joy in joys), 'what was held before control'
+        assert not any(horns)
+        assert joys[-1].buttons[0] == 1
+        assert 'leaves out what was held before: let go of axis 0, axis 4' in stepped.message()
+        assert run(deadman=True, pushed=False) is State.ACTIVE
+        assert run(deadman=True, pushed=True) is State.ACTIVE
+        assert list(joys[-1].axes) == [0.0, 0.0, 0.0, 0.0, 0.5, 0.0], 'without its own button'
+        assert list(joys[-1].buttons) == list(stepped.joy.buttons)
+        assert horns[-1]
+        assert run(deadman=True, pushed=True, own_button=True) is State.ACTIVE
+        assert list(joys[-1].axes) == list(stepped.joy.axes)
+        stepped.stop = end == 'stop'
+        state = run(deadman=stepped.stop, pushed=True, own_button=True)
+        assert state is (State.STOPPED if stepped.stop else State.READY)
+        assert is_neutral()
 
 
 # A base controller instead of drives.
@@ -652,41 +591,24 @@ BASE: dict[str, Any] = {
 }
 
 
-def forward_and_turn(message: Any) -> tuple[float, float]:
-    twist = message.twist if isinstance(message, TwistStamped) else message
-    return twist.linear.x, twist.angular.z
-
-
-@pytest.mark.parametrize('output', ['twist', 'twist_stamped'])
-def test_operator_drives_a_base_by_forward_and_turn(
-    observer: Observer, output: str, new_mux: NewMux
-) -> None:
-    mux = new_mux(output=output, **BASE)
+def test_operator_drives_a_base_by_forward_and_turn(observer: Observer, new_mux: NewMux) -> None:
+    mux = new_mux(output='twist_stamped', **BASE)
     mux.wait(lambda: len(mux.command.messages) > 10 and mux.is_stopped(), 'zero at the start')
-    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
     mux.active()
     mux.joy.message = sticks(1.0, deadman=True)
     mux.joy.message.axes[0] = 0.525  # half of the way behind the dead band
     mux.wait(lambda: mux.demand == pytest.approx((1.0, 1.0), abs=1e-3), 'forward and turn')
-    if output == 'twist_stamped':  # no step, whatever of it has come here
-        ramp = [(Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages]
-        assert all(
-            x - y <= 2.0 * (t - u).nanoseconds / 1e9 + 0.5 for (u, y), (t, x) in pairwise(ramp)
-        )
-    topics = dict(observer.node.get_topic_names_and_types())
-    assert f'{mux.name}/command' not in topics
+    stamped = [(Clock.from_msg(m.header.stamp), m.twist.linear.x) for m in mux.command.messages]
+    for (before, slower), (after, faster) in pairwise(stamped):
+        assert before < after
+        assert faster - slower <= 2.0 * (after - before).nanoseconds / 1e9 + 0.5, 'a step'
+    assert mux.command.last.header.frame_id == 'base_link'
+    assert f'{mux.name}/command' not in dict(observer.node.get_topic_names_and_types())
     (endpoint,) = observer.node.get_publishers_info_by_topic(f'{mux.name}/cmd_vel')
     assert endpoint.qos_profile.durability == DurabilityPolicy.VOLATILE
     cause = time.monotonic()
     mux.fort_estop.publisher.publish(Bool(data=True))
     mux.stopped_since(cause)
-    mux.command.clear()
-    mux.wait(lambda: len(mux.command.messages) > 10, 'zero, again and again')
-    assert not any(any(forward_and_turn(m)) for m in mux.command.messages)
-    if output == 'twist_stamped':
-        stamps = [Clock.from_msg(m.header.stamp) for m in mux.command.messages]
-        assert all(a < b for a, b in pairwise(stamps))
-        assert mux.command.last.header.frame_id == 'base_link'
 
 
 @pytest.mark.parametrize('category', [0, 1])
@@ -709,21 +631,3 @@ def test_stop_of_a_base_goes_out_before_the_next_decision(
     monkeypatch.undo()
     assert len(said) == 1
     assert said[0] == 0.0 if category == 0 else 0.9 < said[0] < 1.0
-
-
-def test_nobody_hears_the_twist_is_said(observer: Observer) -> None:
-    space = namespace()
-    status = observer.record(DiagnosticStatus, f'{space}/safety_mux/status', latched())
-    with NodeProcess('safety_mux.node', {'output': 'twist', **BASE}, namespace=space):
-        observer.wait_for(
-            lambda: status.last and 'nobody listens to ~/cmd_vel' in status.last.message,
-            15.0,
-            'the hint',
-        )
-        with Observer('recorder') as onlooker:
-            onlooker.record(Twist, f'{space}/safety_mux/cmd_vel')
-            observer.wait_for(
-                lambda: 'cmd_vel, but for recorder: is the' in status.last.message, 15.0, 'it'
-            )
-        observer.record(Twist, f'{space}/safety_mux/cmd_vel')
-        observer.wait_for(lambda: 'nobody listens' not in status.last.message, 15.0, 'one')

@@ -20,52 +20,38 @@ def joy(axes: Any, buttons: Any = (0,) * 9, **options: Any) -> Any:
     return convert.joy(axes, buttons, STAMP, 'remote', **options)
 
 
-def test_full_way_is_one() -> None:
-    assert list(joy((1000, -1000, 500, 0)).axes) == [1.0, -1.0, 0.5, 0.0]
-
-
-def test_signs_turn_round_one_by_one() -> None:
-    message = joy((1000, 1000, 0, -500), axis_inverted=(True, False, True, True))
-    assert list(message.axes) == [-1.0, 1.0, 0.0, 0.5]
-    assert all(math.copysign(1.0, axis) == 1.0 for axis in (message.axes[2], message.axes[1]))
-
-
-def test_buttons_are_the_raw_switches_then_the_encoder_switch() -> None:
+def test_joy_has_the_sticks_by_their_signs_then_switches_and_encoder_switch() -> None:
     raw = (1, -1, 1000, 0, 3, 0, 0, 0, 1)
-    assert list(joy((0,) * 4, raw).buttons) == list(raw)
-
-
-def test_stamp_and_frame_are_passed_on() -> None:
-    message = joy((0,) * 4)
+    message = joy((1000, -1000, 500, 0), raw)
+    assert list(message.axes) == [1.0, -1.0, 0.5, 0.0]
+    assert list(message.buttons) == list(raw)
     assert (message.header.stamp, message.header.frame_id) == (STAMP, 'remote')
+    turned = joy((1000, 1000, 0, -500), axis_inverted=(True, False, True, True))
+    assert list(turned.axes) == [-1.0, 1.0, 0.0, 0.5]
+    assert math.copysign(1.0, turned.axes[2]) == 1.0
 
 
-def test_battery() -> None:
-    message = convert.battery_state(42, STAMP, 'remote')
-    assert message.present
-    assert message.percentage == pytest.approx(0.42)
-    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+DISCHARGING = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+UNKNOWN = BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ('percent', 'docked', 'percentage', 'supply'),
+    [
+        (42, False, 0.42, DISCHARGING),
+        (42, True, 0.42, UNKNOWN),
+        (0, False, 0.0, DISCHARGING),
+        (100, False, 1.0, DISCHARGING),
+        (101, False, math.nan, DISCHARGING),
+        (None, False, math.nan, UNKNOWN),  # no remote
+    ],
+)
+def test_battery(percent: int | None, docked: bool, percentage: float, supply: int) -> None:
+    message = convert.battery_state(percent, STAMP, 'remote', docked=docked)
+    assert message.percentage == pytest.approx(percentage, nan_ok=True)
+    assert message.present is (percent is not None)
+    assert message.power_supply_status == supply
     assert math.isnan(message.voltage)
-
-
-def test_battery_in_the_dock_is_not_said_to_discharge() -> None:
-    message = convert.battery_state(42, STAMP, 'remote', docked=True)
-    assert message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
-
-
-def test_battery_of_no_remote_is_not_present() -> None:
-    message = convert.battery_state(None, STAMP, 'remote')
-    assert not message.present
-    assert math.isnan(message.percentage)
-
-
-@pytest.mark.parametrize(('percent', 'percentage'), [(0, 0.0), (100, 1.0)])
-def test_empty_and_full_batteries_are_numbers(percent: int, percentage: float) -> None:
-    assert convert.battery_state(percent, STAMP, 'remote').percentage == percentage
-
-
-def test_battery_above_a_hundred_is_not_a_number() -> None:
-    assert math.isnan(convert.battery_state(101, STAMP, 'remote').percentage)
 
 
 @pytest.mark.parametrize(

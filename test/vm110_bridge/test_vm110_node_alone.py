@@ -8,7 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
 import pytest
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Bool, UInt8MultiArray
 
 from bridge_core import clock
 from bridge_core.watchdog import FreezeWatch, FROZEN
@@ -17,7 +17,6 @@ from stage.session_rig import SessionBench
 from stage.vm110_rig import CENTRED, of, vrci
 from vm110_bridge.node import Vm110Bridge
 from vm110_bridge.session import Command, Session
-from vm110_bridge.session.inbox import MEMORY
 from vm110_bridge.simulator import build_packet
 from vm110_bridge.wire import make_session
 
@@ -34,15 +33,14 @@ def node(context: Any) -> Iterator[Vm110Bridge]:
 # -- to the robot ---------------------------------------------------------------------------------
 
 
-def next_session(node: Vm110Bridge, heard: bytes, after: float = 0.0) -> SessionBench[Session]:
-    """Return the session of the next activation, which has heard a VRPI and these commands."""
-    given = {'acknowledge': 'explicit'}
-    values = {**node.values, **given}
+def next_session(node: Vm110Bridge) -> SessionBench[Session]:
+    """Return the session of the next activation, which has heard a VRPI and the command."""
+    values = {**node.values, 'acknowledge': 'explicit'}
     bench = SessionBench(make_session({**values, **node.carried_over(values)}))
-    bench.now = clock.now() + after
+    bench.now = clock.now()
     bench.open()
     bench.take(build_packet('VRPI', CENTRED, 9, 7))
-    bench.take(build_packet('VRCI', heard, 10, 7))
+    bench.take(build_packet('VRCI', vrci(5), 10, 7))
     return bench
 
 
@@ -50,18 +48,12 @@ def acknowledged(bench: SessionBench[Session]) -> list[bytes]:
     return [frame[16:-4] for _, frame in bench.sent if frame.startswith(VRAO)]
 
 
-@pytest.fixture
-def delivered(node: Vm110Bridge) -> Vm110Bridge:
-    """Give a node that has delivered a command."""
+def test_command_that_was_delivered_is_not_delivered_again_after_activation(
+    node: Vm110Bridge,
+) -> None:
     node.values = {**node.values, 'acknowledge': 'always'}  # nobody subscribes
     node.on_events([COMMAND], clock.now())
-    return node
-
-
-def test_command_that_was_delivered_is_not_delivered_again_after_activation(
-    delivered: Vm110Bridge,
-) -> None:
-    bench = next_session(delivered, vrci(5))
+    bench = next_session(node)
     assert of(Command, bench.events) == []
     assert acknowledged(bench) == []  # it may be another base unit's
     assert bench.session.packets['commands not acknowledged yet'] == 0
@@ -73,31 +65,34 @@ def test_command_that_was_delivered_is_not_delivered_again_after_activation(
     assert len(acknowledged(bench)) == 2
 
 
-def test_command_with_other_data_or_after_five_seconds_is_delivered_after_activation(
-    delivered: Vm110Bridge,
-) -> None:
-    other = next_session(delivered, vrci(5, b'x' * 16))
-    assert of(Command, other.events) == [Command(5, b'x' * 16)]
-    later = next_session(delivered, vrci(5), after=MEMORY)
-    assert of(Command, later.events) == [COMMAND]
-
-
 def test_command_that_nobody_heard_is_delivered_after_activation(node: Vm110Bridge) -> None:
     node.on_events([COMMAND], clock.now())
-    assert of(Command, next_session(node, vrci(5)).events) == [COMMAND]
+    assert of(Command, next_session(node).events) == [COMMAND]
 
 
-def test_command_that_is_done_before_a_base_unit_is_heard_is_acknowledged_by_a_repeat(
-    delivered: Vm110Bridge,
+# -- what withholds VRPO --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('heard', [False, True])
+def test_hold_of_a_publisher_that_is_gone_or_never_heard_lets_nothing_go(
+    node: Vm110Bridge, monkeypatch: pytest.MonkeyPatch, heard: bool
 ) -> None:
-    bench = SessionBench(make_session({**delivered.values, **delivered.carried_over({})}))
-    bench.now = clock.now()
-    bench.open()
-    bench.session.command_done(5, bench.now)
-    bench.take(build_packet('VRPI', CENTRED, 9, 7))
-    assert acknowledged(bench) == []
-    bench.take(build_packet('VRCI', vrci(5), 10, 7))
-    assert acknowledged(bench) == [b'\5\0']
+    asked: list[tuple[Any, ...]] = []
+
+    def request(method: Any, *given: Any, **_: Any) -> None:
+        asked.append((method, *given))
+
+    monkeypatch.setattr(node, 'request', request)
+    if heard:
+        node._on_hold_output(Bool(data=False))
+        assert asked.pop() == (Session.set_hold_output, False)
+    bench = next_session(node)
+    bench.wait(0.5)
+    assert any(frame.startswith(b'VRPO') for _, frame in bench.sent) is not heard
+    node.on_unheard('best effort')
+    node.on_unheard_gone()
+    forgets = [(Session.forget_hold_output,)] * (not heard)
+    assert asked == [(Session.set_hold_output, True), *forgets]
 
 
 # -- to the remote --------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from bridge_core.session import INTERRUPTION_TIME, Level, RETRY
+from bridge_core.session import Level, RETRY
 from stage.vm110_rig import (
     ARMED,
     armed,
@@ -261,28 +261,11 @@ def test_error_after_a_hold_that_began_and_ended_unseen_is_our_echo() -> None:
     assert not bench.session.own_estop
 
 
-def test_error_that_comes_too_soon_to_be_our_echo_is_the_units_own() -> None:
-    bench = armed()
-    bench.run(1.0)
-    hold(bench, 0.5)
-    hold(bench, 3.0, EXTERNAL)
-    assert bench.session.own_estop
-
-
 def test_error_that_stood_before_the_hold_is_the_units_own() -> None:
     bench = armed()
     bench.run(1.0, EXTERNAL)
     hold(bench, 5.0, EXTERNAL)
     assert bench.session.own_estop
-
-
-def test_echo_that_arrives_just_after_the_hold_ended() -> None:
-    bench = armed()
-    bench.run(1.0)
-    hold(bench, 2.0)
-    release(bench, 0.125, EXTERNAL)
-    assert bench.session.estop
-    assert not bench.session.own_estop
 
 
 @pytest.mark.parametrize(
@@ -307,32 +290,6 @@ def test_devices_own_stop_is_no_echo_though_output_is_withheld(payload: bytes) -
     assert bench.session.own_estop
 
 
-def test_silent_link_is_an_own_demand_even_while_we_hold() -> None:
-    bench = armed()
-    hold(bench, 2.0)
-    hold(bench, 0.5, EXTERNAL)
-    bench.wait(0.6)
-    assert bench.session.own_estop
-
-
-def test_error_after_output_was_missing_does_not_blame_the_wiring_first() -> None:
-    bench = armed()
-    bench.run(1.0)
-    bench.now += 3.0  # frozen
-    bench.serial += 24
-    bench.session.interrupted('this node was held up', bench.now)
-    bench.poll()
-    bench.hear(EXTERNAL)
-    bench.wait(INTERRUPTION_TIME)
-    assert bench.session.own_estop
-    assert bench.session.stop_reasons(bench.now)[0].startswith(
-        'rearm the remote; if it comes back'
-    )
-    bench.run(1.0)
-    bench.hear(EXTERNAL)
-    assert bench.session.stop_reasons(bench.now)[0].startswith('check the EC-Link and EG-Link')
-
-
 def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
     bench = armed()
     bench.session.set_hold_output(True, bench.now)
@@ -341,14 +298,3 @@ def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
     assert bench.session.problems(bench.now) == []
     bench.wait(0.3)
     assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
-
-
-def test_error_at_start_is_the_units_own_until_rearmed() -> None:
-    bench = opened()
-    bench.run(1.0, EXTERNAL)
-    assert bench.session.own_estop
-    assert bench.session.stop_reasons(bench.now)[0].startswith(
-        'rearm the remote; if it comes back'
-    )
-    bench.run(0.25)
-    assert not bench.session.own_estop

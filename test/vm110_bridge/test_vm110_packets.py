@@ -3,7 +3,6 @@
 
 """Which packets the VM-110's session takes: by serial number, CRC and base unit."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from hypothesis import given, strategies as st
@@ -33,7 +32,7 @@ from vm110_bridge.simulator import build_packet, build_vrpi
 
 STOP = build_vrpi(bu_state=STOPPED, ru_state=STOPPED_RU)
 START = build_vrpi(bu_state=INITIAL, ru=0, ru_state=0)
-SAID = {'': CENTRED, '!': STOP}
+SAID = {'': CENTRED, '!': STOP, '?': START}
 
 
 def numbered(serial: int, payload: bytes = CENTRED) -> bytes:
@@ -46,7 +45,7 @@ def command(serial: int) -> bytes:
 
 def vrpi_of(word: str) -> bytes:
     """Return the VRPI that a word of a story stands for, such as ``101!``; see SAID."""
-    number = word.rstrip('!')
+    number = word.rstrip('!?')
     return numbered(int(number), SAID[word[len(number) :]])
 
 
@@ -57,8 +56,10 @@ def hear_line(bench: Bench, serials: range) -> None:
         bench.wait(0.125)
 
 
+LINE = ' '.join(map(str, range(80)))
+BEGUN = ' '.join(f'{n}?' if n < 8 else f'{n}' for n in range(80))
 STORIES = {
-    # serial numbers in the order of arrival (! a stop): is it a stop after each?
+    # serial numbers in the order of arrival (! a stop, ? a start): is it a stop after each?
     'what is old releases no stop': ('100 101! 100 99 98 101', '.SSSSS'),
     'an overtaken stop counts until the next': ('100 102 101! 103', '..S.'),
     'an overtaken stop is not undone by one before the newest': ('100 103 101! 102 104', '..SS.'),
@@ -66,6 +67,17 @@ STORIES = {
     'numbers wrap': ('65534 65535 0! 1', '..S.'),
     'a copy of a stop is none after its end': ('65535 1 0! 0! 2 0!', '..SS..'),
     'and for as long as 64 numbers': ('65535 1 0! 0! 63 0!', '..SS..'),
+    **{
+        f'a stop overtaken by {n} counts each time': (f'0 {n} 1 1! {n + 1} 1! {n + 2}', '...S.S.')
+        for n in (65, 66, 1001, 0x7FFD)
+    },
+    **{
+        f'a stop under a number used {n} before counts': (f'0 {n} 0! 0 {n + 1}', '..SS.')
+        for n in (0, 1, 63, 64, 1000, 0x7FFF)
+    },
+    'a restart is a stop at once': ('1000 0?', '.S'),
+    'and soon after the last': (f'{LINE} 0?', '.' * 80 + 'S'),
+    'and after a start that was heard': (f'{BEGUN} 0?', 'S' * 8 + '.' * 72 + 'S'),
 }
 
 
@@ -112,51 +124,6 @@ def test_stop_in_an_overtaken_packet_disarms_until_the_next() -> None:
     assert bench.session.enabled
 
 
-def test_stop_and_its_end_in_one_read_are_both_reported_in_order() -> None:
-    bench = opened()
-    bench.take(numbered(100))
-    events = bench.take(numbered(101, STOP), numbered(102))
-    verdicts = [event.verdict for event in of(StopChanged, events)]
-    assert verdicts == [Verdict(True, True), Verdict()]
-
-
-@pytest.mark.parametrize('behind', [64, 65, 1000, 0x7FFC])
-def test_stop_in_a_packet_overtaken_long_ago_counts_each_time(behind: int) -> None:
-    bench = opened()
-    for serial in (0, behind + 1, 1):
-        bench.take(numbered(serial))
-        assert not bench.session.estop
-    for after in (2, 3):
-        bench.take(numbered(1, STOP))
-        assert bench.session.estop
-        bench.take(numbered(behind + after))
-        assert not bench.session.estop
-
-
-@pytest.mark.parametrize('behind', [0, 1, 63, 64, 1000, 0x7FFF])
-def test_stop_under_a_number_that_was_used_before_counts(behind: int) -> None:
-    bench = opened()
-    for serial in (0, behind):
-        bench.take(numbered(serial))
-    for payload in (STOP, CENTRED):
-        bench.take(numbered(0, payload))
-        assert bench.session.estop
-    bench.take(numbered(behind + 1))
-    assert not bench.session.estop
-
-
-@pytest.mark.parametrize(
-    ('numbers', 'began'), [((1000,), CENTRED), (range(80), START), (range(80), CENTRED)]
-)
-def test_base_unit_that_restarts_is_a_stop_at_once(numbers: Sequence[int], began: bytes) -> None:
-    bench = opened()
-    for serial in numbers:
-        bench.take(numbered(serial, began if serial < 8 else CENTRED))
-    assert not bench.session.estop
-    bench.take(numbered(0, START))
-    assert bench.session.estop
-
-
 @pytest.mark.parametrize(
     ('heard', 'executed'),
     [
@@ -174,18 +141,6 @@ def test_command_is_executed_if_nothing_has_overtaken_it(
     assert of(Command, bench.events) == [Command(1, bytes(16))] * executed
 
 
-def test_burst_of_stored_packets_after_a_silence_is_not_believed() -> None:
-    bench = opened()
-    bench.take(numbered(100))
-    bench.wait(3.0)
-    for serial in range(40, 101):
-        bench.take(numbered(serial))
-    bench.wait(0.3)
-    for serial in range(40, 101):
-        bench.take(numbered(serial))
-    assert bench.session.estop
-
-
 def test_restarted_base_unit_is_believed_after_a_second() -> None:
     bench = opened()
     hear_line(bench, range(100))
@@ -200,31 +155,6 @@ def test_restarted_base_unit_is_believed_after_a_second() -> None:
     assert 1.0 <= bench.now - start <= 1.2
     assert bench.session.packets['restarts of the base unit'] == 1
     assert bench.session.packets['packets lost'] == 0
-
-
-def test_what_was_heard_before_and_comes_again_by_a_slower_way_is_no_restart() -> None:
-    bench = opened()
-    hear_line(bench, range(100, 124))
-    before = len(bench.events)
-    bench.wait(0.6)
-    for serial in range(108, 124):
-        assert bench.session.estop
-        bench.take(numbered(serial))
-        bench.wait(0.125)
-    assert bench.session.packets['restarts of the base unit'] == 0
-    assert not of(Sticks, bench.events[before:])[1:]  # the neutral one of the silence
-
-
-def test_unit_that_restarts_soon_and_says_the_same_is_believed_past_its_old_numbers() -> None:
-    bench = opened()
-    hear_line(bench, range(30))
-    bench.wait(1.0)
-    for serial in range(30):
-        bench.take(numbered(serial))
-        assert bench.session.estop
-        bench.wait(0.125)
-    bench.take(numbered(30))
-    assert not bench.session.estop
 
 
 @pytest.mark.parametrize('newest', [200, 20000, 30000, 32800, 40000])
@@ -272,14 +202,6 @@ def test_copies_of_what_was_said_before_a_restart_say_nothing_new(
 @RESTARTS
 def test_copy_of_a_command_of_before_a_restart_is_not_executed_again(newest: int) -> None:
     assert of(Command, restarted(newest, NOBODY, 3.0)) == []
-
-
-def test_old_line_of_numbers_is_no_restart_while_the_link_is_not_silent() -> None:
-    numbers = SerialNumbers()
-    numbers.hear(30000, 0.0, silent=False, content=b'')
-    for serial in range(50):
-        numbers.hear(serial, 0.125 * serial, silent=False, content=b'')
-    assert numbers.restarts == 0
 
 
 def test_restart_is_named_while_it_is_not_believed() -> None:
@@ -335,20 +257,6 @@ def test_auto_locks_within_the_first_packet_and_answers_in_kind(crc: str) -> Non
     bench.wait(0.2)
     (_, frame) = bench.sent[0]
     assert frame == build_packet('VRPO', bytes(2), 0, 0, crc)
-
-
-def test_mixture_is_refused_after_the_lock() -> None:
-    bench = armed()
-    bench.crc = 'iso_hdlc'
-    bench.wait(0.4)
-    bench.hear(DEFLECTED)
-    assert of(Sticks, bench.events) == [NEUTRAL]
-    bench.wait(0.1)
-    assert bench.session.estop
-    assert bench.session.packets['packets with the other CRC'] == 1
-    bench.crc = 'mpeg2'
-    bench.hear()
-    assert not bench.session.estop
 
 
 @pytest.mark.parametrize('crc', list(Crc))
@@ -440,24 +348,12 @@ def test_eight_other_base_units_are_remembered_and_heard_again() -> None:
     bench.take(build_packet('VRPI', CENTRED, 1, 12), build_packet('VRPI', CENTRED, 1, 18))
     bench.run(3.0)
     assert bench.session.origin.others(bench.now) == [12]
-
-
-def test_other_base_unit_is_named_after_eight_others_that_are_gone() -> None:
-    bench = armed()
-    for origin in range(10, 18):
-        bench.take(build_packet('VRPI', CENTRED, 0, origin))
     bench.run(5.0)
     bench.take(build_packet('VRPI', CENTRED, 0, 18))
     assert bench.session.origin.others(bench.now) == [18]
-
-
-def test_what_another_port_heard_is_forgotten() -> None:
-    bench = armed()
-    bench.take(build_packet('VRPI', CENTRED, 0, 9))
     bench.close()
     bench.open()
     assert bench.session.origin.others(bench.now) == []
-    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
 
 
 @pytest.mark.parametrize(
@@ -468,6 +364,7 @@ def test_what_another_port_heard_is_forgotten() -> None:
         (build_packet('VRPI', CENTRED, 0, 7, revision=1), 'of another revision or size come'),
         (build_packet('VRPI', bytes(48), 0, 7), 'of another revision or size come'),
         (build_packet('VRPI', CENTRED, 0, 0), 'give the base unit an ID'),
+        (build_packet('VRPO', b'', 0, 0), "check the BU's power"),  # explains no silence
     ],
 )
 def test_what_cannot_be_read_is_named_for_five_seconds(datagram: bytes, hint: str) -> None:
@@ -477,12 +374,6 @@ def test_what_cannot_be_read_is_named_for_five_seconds(datagram: bytes, hint: st
     assert "check the BU's power" in bench.session.stop_reasons(bench.now + 5.0)[0]
 
 
-def test_packets_of_another_layout_that_are_no_periodic_input_explain_no_silence() -> None:
-    bench = opened(crc='mpeg2')
-    bench.take(build_packet('VRPO', b'', 0, 0))
-    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
-
-
 def test_chosen_base_unit_is_waited_for() -> None:
     bench = opened(bu_id=9)
     bench.hear()
@@ -490,11 +381,3 @@ def test_chosen_base_unit_is_waited_for() -> None:
     assert bench.session.crc is None
     bench.take(build_packet('VRPI', CENTRED, 5, 9, 'iso_hdlc'))
     assert not bench.session.estop
-
-
-def test_origin_zero_is_nobody() -> None:
-    bench = opened()
-    bench.take(build_packet('VRPI', CENTRED, 5, 0))
-    assert bench.session.estop
-    assert bench.session.origin.bu_id == 0
-    assert bench.session.counters.malformed == 1

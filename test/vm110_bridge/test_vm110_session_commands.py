@@ -26,7 +26,7 @@ from stage.vm110_rig import (
     STOPPED_RU,
     vrci,
 )
-from vm110_bridge.session import ACKNOWLEDGED, Command, CommandResult, QUEUE_SIZE, Settings
+from vm110_bridge.session import ACKNOWLEDGED, Command, CommandResult, Settings
 from vm110_bridge.simulator import build_vrpi
 
 SAID = {
@@ -192,42 +192,6 @@ def test_command_to_the_remote_is_resent_until_acknowledged() -> None:
     assert events == [CommandResult(number, ACKNOWLEDGED)]
     bench.run(1.0)
     assert len(bench.frames(b'VRCO')) == 3
-
-
-def test_command_is_given_up_at_its_limit_and_the_next_goes() -> None:
-    bench = armed(command_timeout=2.0)
-    first = bench.session.send_command(bytes(16), bench.now)
-    second = bench.session.send_command(b'\1' * 16, bench.now)
-    assert second == (first + 1) & 0xFFFF
-    start = bench.now
-    events = bench.run(2.125)
-    assert of(CommandResult, events) == [CommandResult(first, 'not acknowledged within 2 s')]
-    times = {
-        number: [at - start for at, payload in bench.frames(b'VRCO') if payload[:2] == tag]
-        for number, tag in ((1, struct.pack('<H', first)), (2, struct.pack('<H', second)))
-    }
-    assert len(times[1]) in (20, 21)  # the last one falls on the limit itself
-    assert times[2][0] == pytest.approx(2.0)
-
-
-def test_queue_is_bounded_and_in_order() -> None:
-    bench = armed()
-    numbers = [bench.session.send_command(bytes(16), bench.now) for _ in range(QUEUE_SIZE + 1)]
-    with pytest.raises(ValueError, match='16 commands wait'):
-        bench.session.send_command(bytes(16), bench.now)
-    for number in numbers:
-        bench.wait(0.0)
-        bench.take(b'')
-        bench.hear(struct.pack('<H', number), 'VRAI')
-    assert of(CommandResult, bench.events) == [CommandResult(n, ACKNOWLEDGED) for n in numbers]
-    assert len(bench.frames(b'VRCO')) == len(numbers)
-
-
-def test_stray_acknowledgement_ends_nothing() -> None:
-    bench = armed()
-    number = bench.session.send_command(bytes(16), bench.now)
-    assert bench.hear(struct.pack('<H', (number + 1) & 0xFFFF), 'VRAI') == []
-    assert bench.session.packets['stray acknowledgements'] == 1
 
 
 def test_commands_do_not_wait_for_a_lost_base_unit() -> None:

@@ -113,70 +113,70 @@ def test_periodic_inputs_come_every_125_ms_numbered_in_a_line() -> None:
     assert serials == list(range(serials[0], serials[0] + len(serials)))
 
 
-def test_nobody_armed_is_disarmed_and_all_of_the_remote_is_zero() -> None:
+# What somebody types, and what the VRPI has from then on: its state, and bytes by their place.
+STORIES: dict[str, list[tuple[str, int, dict[int, int]]]] = {
+    'an armed remote is reported, and no other': [
+        ('stick 1 1 1', DISARMED, {2: 3} | dict.fromkeys(range(6, 46), 0)),  # unarmed RUs
+        ('arm 2', ARMED, {2: 2, 6: 0x02, 7: 0x10}),
+        ('stick 2 1 0.5', ARMED, {14: 500 & 0xFF, 15: 500 >> 8, 16: 0}),
+        ('switch 2 8 -1', ARMED, {36: 0xFF, 37: 0xFF}),
+        ('push 2 on', ARMED, {39: 1}),
+        ('encoder 2 -3', ARMED, {38: 253}),
+    ],
+    'tilt, inactivity and dock': [
+        ('arm 1', ARMED, {8: 3, 12: 0, 13: 0}),
+        ('tilt 1 on', ARMED, {8: 2, 13: 1}),
+        ('tilt 1 off', ARMED, {8: 3, 13: 0}),
+        ('inactive 1 on', ARMED, {8: 2, 13: 2}),
+        ('inactive 1 off', ARMED, {8: 3, 13: 0}),
+        ('dock 1 on', ARMED, {8: 3, 12: 1}),
+        ('dock 1 off', ARMED, {8: 3, 12: 0}),
+    ],
+    'a stop lasts until it is released and rearmed': [
+        ('arm 1', ARMED, {}),
+        ('stop 1 on', STOPPED, {8: 4}),
+        ('stop 1 off', STOPPED, {8: 4}),
+        ('arm 1', ARMED, {8: 3}),
+    ],
+    'a shock stops an armed remote alone': [
+        ('shock 1', DISARMED, {}),
+        ('arm 1', ARMED, {}),
+        ('shock 1', STOPPED, {}),
+        ('arm 1', ARMED, {}),
+    ],
+    'a lost remote blocks until it is rearmed': [
+        ('arm 1', ARMED, {}),
+        ('radio 1 off', BLOCKED, dict.fromkeys(range(6, 46), 0)),
+        ('radio 1 on', BLOCKED, {}),
+        ('arm 1', ARMED, {}),
+        ('cable 1 on', ARMED, {11: 1}),
+        ('radio 1 off', ARMED, {11: 1}),
+    ],
+}
+
+
+@pytest.mark.parametrize('name', STORIES)
+def test_state_of_the_unit_and_its_remote(name: str) -> None:
     device = Device()
-    assert device.state == DISARMED
-    assert device.vrpi[2] == 3  # unarmed RUs
-    assert device.vrpi[6:] == bytes(40)
-    assert device.simulator.relays_closed
+    for line, state, payload in STORIES[name]:
+        device.apply(line, seconds=0.6)
+        found = {place: device.vrpi[place] for place in payload}
+        assert (device.state, found) == (state, payload), line
+        assert device.simulator.relays_closed == (state >= DISARMED)
 
 
-def test_armed_remote_is_reported() -> None:
-    device = Device().apply('arm 2', 'stick 2 1 0.5', 'stick 1 1 1', 'switch 2 8 -1', 'push 2 on')
-    assert device.state == ARMED
-    assert device.vrpi[2] == 2
-    assert struct.unpack_from('<H', device.vrpi, 6) == (0x1002,)
-    assert struct.unpack_from('<4h', device.vrpi, 14) == (500, 0, 0, 0)
-    assert struct.unpack_from('<8h', device.vrpi, 22)[7] == -1
-    assert device.vrpi[39] == 1
-
-
-def test_encoder_wraps() -> None:
-    device = Device().apply('arm 1', 'encoder 1 -3')
-    assert device.vrpi[38] == 253
-
-
-@pytest.mark.parametrize(
-    ('line', 'ru_state', 'flag', 'value'),
-    [('tilt 1 on', 2, 13, 1), ('inactive 1 on', 2, 13, 2), ('dock 1 on', 3, 12, 1)],
-)
-def test_tilt_inactivity_and_dock(line: str, ru_state: int, flag: int, value: int) -> None:
-    device = Device().apply('arm 1').apply(line)
-    assert (device.state, device.vrpi[8], device.vrpi[flag]) == (ARMED, ru_state, value)
-    device.apply(line.replace('on', 'off'))
-    assert (device.vrpi[8], device.vrpi[flag]) == (3, 0)
-
-
-def test_stop_opens_the_relays_until_released_and_rearmed() -> None:
-    device = Device().apply('arm 1').apply('stop 1 on')
-    assert (device.state, device.vrpi[8]) == (STOPPED, 4)
-    assert not device.simulator.relays_closed
+def test_remote_whose_stop_switch_is_pressed_cannot_be_armed() -> None:
     with pytest.raises(ValueError, match='stop switch'):
-        device.apply('arm 1')
-    assert device.apply('stop 1 off').state == STOPPED
-    assert device.vrpi[8] == 4
-    assert device.apply('arm 1').state == ARMED
+        Device().apply('stop 1 on', 'arm 1')
 
 
-def test_shock_stops_an_armed_remote_only() -> None:
-    device = Device().apply('shock 1')
-    assert device.state == DISARMED
-    assert device.apply('arm 1').apply('shock 1').state == STOPPED
-    assert device.apply('arm 1').state == ARMED
-
-
-def test_lost_armed_remote_blocks_until_rearmed_and_cable_saves_it() -> None:
-    device = Device().apply('arm 1').apply('radio 1 off', seconds=0.6)
-    assert device.state == BLOCKED
-    assert device.vrpi[6:] == bytes(40)
-    assert device.apply('radio 1 on').state == BLOCKED
-    assert device.apply('arm 1').state == ARMED
-    device.apply('cable 1 on').apply('radio 1 off', seconds=0.6)
-    assert (device.state, device.vrpi[11]) == (ARMED, 1)
-
-
-def test_two_seconds_without_output_open_the_relays_until_rearmed() -> None:
-    device = Device().apply('arm 1')
+def test_two_seconds_without_output_open_the_relays_of_an_armed_remote_until_rearmed() -> None:
+    device = Device()
+    device.outputs = False
+    device.run(3.0)
+    assert (device.state, device.vrpi[3]) == (DISARMED, 2)
+    device.outputs = True
+    device.run(0.3).apply('arm 1')
     device.outputs = False
     device.run(1.9)
     assert device.simulator.relays_closed
@@ -190,13 +190,6 @@ def test_two_seconds_without_output_open_the_relays_until_rearmed() -> None:
     assert device.vrpi[3] == 1
     assert device.apply('arm 1').state == ARMED
     assert device.simulator.relays_closed
-
-
-def test_missing_output_stops_nothing_while_nobody_is_armed() -> None:
-    device = Device()
-    device.outputs = False
-    device.run(3.0)
-    assert (device.state, device.vrpi[3]) == (DISARMED, 2)
 
 
 def test_failed_until_switched_off_and_on() -> None:
@@ -232,10 +225,7 @@ def test_command_to_the_remote_is_processed_once_and_every_repeat_acknowledged()
         device.run(0.1)
         assert device.of(b'VRAI') == [b'\x09\0']
     assert len(device.simulator.machine_commands) == 1
-
-
-def test_silent_application_acknowledges_nothing() -> None:
-    device = Device().apply('answers off')
+    device.apply('answers off')
     device.hear('VRCO', bytes(22))
     assert device.run(1.0).of(b'VRAI') == []
 
