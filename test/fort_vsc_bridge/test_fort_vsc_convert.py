@@ -213,37 +213,28 @@ def test_talker_names_the_service(talker: str, service: int) -> None:
     assert message.status.service == service
 
 
+BODY = GGA[1:-3]
+
+
 @pytest.mark.parametrize(
     'sentence',
     [
-        '',
-        '$',
-        GGA[:-1],
-        GGA[:-3],  # cut short
-        GGA[1:],
+        *('', '$', GSV),
+        *(GGA[:-1], GGA[:-3], GGA[:-2] + '00', GGA[1:]),  # cut short, and another checksum
         GGA.replace('$', '!'),  # the checksum does not cover it
         GGA.replace('5321', '5322'),
-        GGA[:-2] + '00',
-        GSV,
-        checked('GPGGA'),
-        checked('GPGGA,1,5321.6802,N,00630.3372,W,1'),
-        checked('GPGGA,1,5321.6802,X,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,5360.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,9100.0000,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,5321.6802,N,18030.0000,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,-5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,53-1.5,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,-021.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,521.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,00530.5,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,5321.6802,N,0630.3372,W,1,8,1,61.7,M,55.2,M,,'),
+        *(checked(body) for body in ('GPGGA', 'GPRMC,123519,A', BODY[: BODY.index(',8,')])),
         checked('PGRMC,A,218.8,100,6378137.000,298.257223563,,,,A,3,1,1,4,30'),
-        checked('GPGGA,1,,N,,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,nan.0,N,inf.0,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPGGA,1,5321.6802,N,00630.3372,W,1,8,1,1e9,M,55.2,M,,'),
-        checked('GGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPXGGA,1,5321.6802,N,00630.3372,W,1,8,1,61.7,M,55.2,M,,'),
-        checked('GPRMC,123519,A'),
+        *(
+            checked(BODY.replace(sound, other))
+            for sound, other in (
+                *(('N', 'X'), ('5321.6802', ''), ('5321.6802', 'nan.0'), ('61.7', '1e9')),
+                *(('5321.6802', '5360.0000'), ('5321.6802', '9100.0000'), ('5321', '-5321')),
+                *(('5321.6802', '53-1.5'), ('5321', '-021'), ('5321', '521')),
+                *(('5321.6802', '00530.5'), ('00630', '18030'), ('00630', '0630')),
+                *(('GPGGA', 'GGA'), ('GPGGA', 'GPXGGA'), ('00630.3372', 'inf.0')),
+            )
+        ),
     ],
 )
 def test_unsound_or_other_sentence_gives_no_fix(sentence: str) -> None:
