@@ -157,9 +157,8 @@ def test_stall_that_keeps_its_backlog_is_late_until_it_is_young_again() -> None:
     assert 'up to' in far.bench.session.stop_reasons(far.bench.now)[0]
 
 
-@pytest.mark.parametrize('lost', [0.0, LineAge.PATIENCE + 0.5])
-@pytest.mark.parametrize('interval', [0.05, 0.1])
-def test_lost_answer_and_fewer_heartbeats_are_no_stop(lost: float, interval: float) -> None:
+@pytest.mark.parametrize(('lost', 'interval'), [(LineAge.PATIENCE + 0.5, 0.05), (0.0, 0.1)])
+def test_lost_answers_or_fewer_heartbeats_are_no_stop(lost: float, interval: float) -> None:
     far = Far()
     far.device.messages[0x20] = (True, interval)
     far.run(3.0)
@@ -170,7 +169,7 @@ def test_lost_answer_and_fewer_heartbeats_are_no_stop(lost: float, interval: flo
     far.run(7.0)
     assert far.stops == []
     assert far.warnings() == []
-    if interval > 0.05 and not lost:  # it is asked more often
+    if not lost:  # it is asked more often
         assert 20 < len(far.bench.frames(0x32)) < 60
 
 

@@ -57,13 +57,6 @@ class Device:
         return mode, estop
 
 
-def test_messages_come_at_their_default_rates() -> None:
-    device = Device().run(10.0)
-    assert [len(device.of(kind)) for kind in (0x10, 0x20, 0x12, 0x22)] == pytest.approx(
-        [500, 200, 10, 0], abs=2
-    )
-
-
 @pytest.mark.parametrize(('zeros', 'word'), [('', 0), ('all', 0), ('values', 0), ('rest', 1)])
 def test_sticks_are_zeroed_unless_operational(zeros: str, word: int) -> None:
     device = Device().apply('stick left_y 0.8').apply('button left_up 1')
@@ -138,6 +131,29 @@ def test_too_fast_host_is_found_out() -> None:
     assert device.simulator.too_fast[0x31] == 1
 
 
+def test_faulty_controls_carry_their_status() -> None:
+    device = Device().apply('mode operational')
+    for command in ('fault left_x error', 'fault left_y unavailable', 'fault left_up error'):
+        device.apply(command)
+    words = struct.unpack('<6H2B', device.of(0x10)[-1])
+    assert (words[0] & 0x3F, words[1] & 0x3F, words[6]) == (0b101010, 0b111111, 0b10 << 4)
+    device.apply('fault left_x ok')
+    assert struct.unpack('<6H2B', device.of(0x10)[-1])[0] == 1
+    assert set(device.simulator.describe()['faults']) == {'left_y', 'left_up'}
+
+
+def test_operator_sets_a_value_in_the_menu_and_the_host_asks_for_it() -> None:
+    device = Device().apply('mode menu').apply('value 3 42')
+    assert device.of(0x30) == [struct.pack('<Bi', 3, 42)]
+    for key in (3, 0x51, 0x32):  # no such key: no answer
+        device.hear(0x32, bytes((key,)))
+    told = [struct.pack('<Bi', 3, 42), struct.pack('<Bi', 0x51, 1)]
+    assert device.run(0.1).of(0x30) == told
+    seen = device.simulator.describe()
+    assert (seen['mode'], seen['estop_bits'], seen['values']) == ('Menu', 0, {3: 42})
+    json.dumps(seen)
+
+
 def test_gps_sentence() -> None:
     device = Device().apply('gps 53.361336 -6.50562').run(1.1)
     payload = device.of(0x12)[-1]
@@ -147,17 +163,6 @@ def test_gps_sentence() -> None:
     assert b',,,,,0,' in device.of(0x12)[-1]
     device.apply('radio off')
     assert device.run(2.0).of(0x12) == []
-
-
-def test_reboot_is_silent_and_keeps_only_eeprom() -> None:
-    device = Device()
-    device.hear(0x30, struct.pack('<Bi', 81, 0))
-    device.hear(0x30, struct.pack('<Bi', 3, 7))
-    device.apply('mode operational').simulator.apply('reboot')
-    assert device.run(0.99).frames == []
-    assert device.run(0.2).state == (REMOTE, 0)
-    assert device.simulator.eeprom[81] == 0
-    assert device.simulator.values == {}
 
 
 @pytest.mark.parametrize(
