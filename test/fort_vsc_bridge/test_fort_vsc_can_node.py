@@ -70,12 +70,6 @@ def test_missing_joystick_frame_makes_joy_neutral_and_is_named(bench: NodeBench)
     bench.wait(lambda: bench.axes()[1] == 1.0, 'the stick back')
 
 
-def test_rebooted_vsc_is_a_stop_and_comes_back(bench: NodeBench) -> None:
-    bench.vsc.apply('reboot')
-    bench.wait_says(bench.estop, True)
-    bench.wait_says(bench.estop, False)
-
-
 def test_bus_left_and_joined_again_is_a_stop_until_the_vsc_is_heard(bench: NodeBench) -> None:
     bench.wait_deflected()
     assert bench.observer.change_state(bench.name, 'deactivate')

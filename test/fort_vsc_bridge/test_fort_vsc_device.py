@@ -3,7 +3,6 @@
 
 """What the VSC keeps in EEPROM, by the moment: when it is asked, watched, judged and written."""
 
-from collections.abc import Iterable
 import math
 from typing import Any
 
@@ -26,7 +25,6 @@ from fort_vsc_bridge.session.send_queue import SendQueue
 
 # All of these moments and intervals (s) are exact.
 ASK = 2.0
-WATCH = 4.0  # four intervals of 1 s; at least 3 s
 KEY = Key.AUTO_OFF_ENABLE
 GPS, JOYSTICK = MessageType.GPS, MessageType.JOYSTICK
 NAMES = {GPS: 'gps_interval_ms', JOYSTICK: 'joystick_interval_ms'}
@@ -75,13 +73,6 @@ class Bench:
         self.queue.said.clear()
         self.configurator.poll(now, remote_connected=remote)
         return list(self.queue.said)
-
-    def watched(self, kind: MessageType, times: Iterable[float], end: float) -> list[object]:
-        """Hear messages of a type at these times; return what is sent at the end."""
-        for now in times:
-            self.configurator.watches[kind].heard(now)
-        assert self.poll(math.nextafter(end, 0.0)) == []
-        return self.poll(end)
 
 
 # A step: when, what, and behind => the state, what is sent in it, and when something is due next.
@@ -278,8 +269,7 @@ def test_device_that_may_be_another_one_is_asked_anew_and_written_where_it_diffe
         assert bench.state == UNKNOWN
         assert bench.poll(now) == [KEY]
         bench.answer(answer, now + 0.5)
-        assert bench.state == state
-        assert len(bench.queue.said) == 1 + writes
+        assert (bench.state, len(bench.queue.said)) == (state, 1 + writes)
         bench.link(now + 1.0, up=False)
         now += 2.0
 
@@ -297,63 +287,46 @@ def test_link_that_comes_and_goes_wears_out_no_device_that_takes_nothing() -> No
     assert bench.state == REFUSED
 
 
-@pytest.mark.parametrize(
-    ('interval_ms', 'times'),
-    [
-        (500, (0.5, 1.0, 1.5)),
-        (1000, (0.5, 1.5, 2.5)),
-        (500, (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)),  # two a read
-        (500, (0.5, 1.0, 2.5, 2.5, 2.5)),  # a freeze
-        (500, (0.5, 0.5, 0.5, 0.5625, 0.5625, 1.0625, 1.5625)),  # at first what had waited
-        (2000, (0.125, 2.125)),  # two are enough, and the first may come at once
-        (2000, (0.0, 2.0)),
-        (5000, (0.0, 6.0)),  # a fifth off
-        (5000, (0.0, 4.0)),
-        (0, ()),
-    ],
-)
-def test_interval_that_is_as_wanted_is_left_alone(
-    interval_ms: int, times: tuple[float, ...]
-) -> None:
-    bench = watching(interval_ms)
-    end = max(3.0, 4e-3 * interval_ms)
-    assert bench.deadline == end
-    assert bench.watched(JOYSTICK, times, end) == []
-    assert (bench.state, bench.deadline) == (AS_WANTED, math.inf)
+GAP, TWO_A_READ = (0.5, 1.5, 2.5), (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)
+INTERVALS: list[tuple[MessageType, int, tuple[float, ...], str]] = [
+    (JOYSTICK, 500, (0.5, 1.0, 1.5), AS_WANTED),
+    (JOYSTICK, 1000, GAP, AS_WANTED),
+    (JOYSTICK, 500, TWO_A_READ, AS_WANTED),
+    (JOYSTICK, 500, (0.5, 1.0, 2.5, 2.5, 2.5), AS_WANTED),  # a freeze
+    (JOYSTICK, 500, (0.5, 0.5, 0.5, 0.5625, 0.5625, 1.0625, 1.5625), AS_WANTED),  # had waited
+    (JOYSTICK, 2000, (0.125, 2.125), AS_WANTED),  # two are enough, the first may come at once
+    (JOYSTICK, 2000, (0.0, 2.0), AS_WANTED),
+    (JOYSTICK, 5000, (0.0, 6.0), AS_WANTED),  # a fifth off
+    (JOYSTICK, 5000, (0.0, 4.0), AS_WANTED),
+    (JOYSTICK, 0, (), AS_WANTED),
+    (JOYSTICK, 1000, (), WRITTEN),
+    (JOYSTICK, 1000, (1.0,), WRITTEN),
+    (JOYSTICK, 1000, TWO_A_READ, WRITTEN),  # of half the interval
+    (JOYSTICK, 1000, (0.0, 0.2, 1.2), WRITTEN),  # a fifth is not at once any more
+    (JOYSTICK, 1000, (0.0, 0.125, 0.25, 0.375, 0.5), WRITTEN),
+    (JOYSTICK, 5000, (0.0, 6.25), WRITTEN),
+    (JOYSTICK, 5000, (0.0, 3.75), WRITTEN),
+    (JOYSTICK, 0, (1.0,), WRITTEN),
+    # Sentences of one position count as one.
+    (GPS, 1000, (0.5, 0.5, 0.625, 1.5, 1.5, 2.5, 2.5), AS_WANTED),
+    (GPS, 1000, (0.0, 0.2, 1.2), WRITTEN),
+    (GPS, 1000, (0.5, 0.5, 1.0, 1.0, 1.5, 1.5), WRITTEN),
+]
 
 
-@pytest.mark.parametrize(
-    ('interval_ms', 'times'),
-    [
-        (1000, ()),
-        (1000, (1.0,)),
-        (1000, (0.5, 0.5, 1.5, 1.5, 2.5, 2.5)),  # two a read, of half the interval
-        (1000, (0.0, 0.2, 1.2)),  # a fifth of the interval is not at once any more
-        (1000, (0.0, 0.125, 0.25, 0.375, 0.5)),
-        (5000, (0.0, 6.25)),
-        (5000, (0.0, 3.75)),
-        (0, (1.0,)),
-    ],
-)
-def test_interval_that_differs_is_written_and_watched_after_a_while(
-    interval_ms: int, times: tuple[float, ...]
+@pytest.mark.parametrize(('kind', 'interval_ms', 'times', 'state'), INTERVALS)
+def test_interval_is_left_alone_where_it_is_as_wanted_and_else_written(
+    kind: MessageType, interval_ms: int, times: tuple[float, ...], state: str
 ) -> None:
-    bench = watching(interval_ms)
+    bench = Bench(**{NAMES[kind]: interval_ms})
+    bench.link(0.0)
     watch = max(3.0, 4e-3 * interval_ms)
-    (written,) = bench.watched(JOYSTICK, times, watch)
-    assert written == MessageControl(JOYSTICK, interval_ms > 0, interval_ms or 1000)
-    assert (bench.state, bench.deadline) == (WRITTEN, watch + ASK + watch)
-
-
-@pytest.mark.parametrize(
-    ('times', 'state'),
-    [
-        ((0.5, 0.5, 0.625, 1.5, 1.5, 2.5, 2.5), AS_WANTED),
-        ((0.0, 0.2, 1.2), WRITTEN),
-        ((0.5, 0.5, 1.0, 1.0, 1.5, 1.5), WRITTEN),
-    ],
-)
-def test_sentences_of_one_position_count_as_one(times: tuple[float, ...], state: str) -> None:
-    bench = watching(1000, GPS)
-    bench.watched(GPS, times, WATCH)
-    assert bench.state == state
+    if kind is JOYSTICK:  # the first position is waited for longer
+        assert bench.deadline == watch
+    for now in times:
+        bench.configurator.watches[kind].heard(now)
+    assert bench.poll(math.nextafter(watch, 0.0)) == []
+    written = MessageControl(kind, interval_ms > 0, interval_ms or 1000)
+    assert bench.poll(watch) == [written] * (state is WRITTEN)
+    due = watch + ASK + watch if state is WRITTEN else math.inf
+    assert (bench.state, bench.deadline) == (state, due)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 import pickle
 import random
@@ -23,7 +23,7 @@ from fort_vsc_bridge.display_texts import (
 )
 from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import Session, Settings
-from fort_vsc_bridge.simulator import CanSimulator, Simulator
+from fort_vsc_bridge.simulator import Simulator
 from rugged_teleop.reasons import catalogue
 from safety_mux.report import report_of, Surroundings
 from stage.fort_vsc_rig import Bench, CLEAR, gaps, heartbeat, opened, STOP
@@ -48,10 +48,10 @@ class Remote(Bench):
         self.open()
         self.say(None, 0.3)
 
-    def say(self, status: MuxStatus | None, seconds: float, *, silent: bool = False) -> Remote:
+    def say(self, status: MuxStatus | None, seconds: float) -> Remote:
         """Let the mux say this at 10 Hz, and the VSC hear what the node sends."""
         for _ in range(round(seconds / 0.1)):
-            if status is not None and not silent:
+            if status is not None:
                 self.session.hear_status(status, self.now)
             for _ in range(10):
                 before = len(self.sent)
@@ -64,10 +64,6 @@ class Remote(Bench):
     @property
     def shown(self) -> tuple[str, ...]:
         return tuple(self.vsc.display.split('\n'))
-
-    @property
-    def rumbles(self) -> int:
-        return len(self.vsc.rumbles)
 
 
 # -- texts ----------------------------------------------------------------------------------------
@@ -88,10 +84,6 @@ def test_text_fits_the_display_of_either_wire(code: str) -> None:
     assert len([line for line in lines if line]) == 1 + len(TEXTS[code])
 
 
-def test_unknown_code_shows_itself() -> None:
-    assert lines_of(MuxStatus('STOPPED', 'winch.hot'))[1:] == ('winch.hot', 'Call technician', '')
-
-
 @pytest.mark.parametrize(
     'status',
     [
@@ -106,10 +98,15 @@ def test_status_of_nonsense_ends_no_session(status: MuxStatus) -> None:
     assert all(line.isascii() for line in remote.shown)
 
 
-def test_family_speaks_for_a_code_without_a_text() -> None:
-    assert lines_of(MuxStatus('STOPPED', 'esi.overcurrent.a')) == (
-        *('STOPPED', 'Drive fault', 'Call technician', ''),
-    )
+@pytest.mark.parametrize(
+    ('code', 'lines'),
+    [
+        ('winch.hot', ('winch.hot', 'Call technician', '')),  # shows itself
+        ('esi.overcurrent.a', ('Drive fault', 'Call technician', '')),  # as its family
+    ],
+)
+def test_code_without_a_text_is_shown_all_the_same(code: str, lines: tuple[str, ...]) -> None:
+    assert lines_of(MuxStatus('STOPPED', code)) == ('STOPPED', *lines)
 
 
 # -- what of a status counts ----------------------------------------------------------------------
@@ -223,49 +220,12 @@ def test_stop_does_not_wait_for_another_text_to_have_stayed() -> None:
     assert first - at <= 0.25 + 1e-9  # the rate of the manual (table 17)
 
 
-def test_remote_shows_its_own_screen_but_in_operational_mode() -> None:
-    remote = Remote().say(STOPPED, 2.0)
-    for mode in 'remote', 'menu', 'pause':
-        remote.vsc.apply(f'mode {mode}')
-        assert remote.vsc.describe()['display'] == f'its own: {mode.capitalize()}'
-    remote.vsc.apply('estop remote on')
-    assert remote.vsc.display == 'its own: E-Stop'
-    remote.vsc.apply('radio off')
-    assert remote.vsc.display == 'its own: Searching'
-
-
-def test_silent_mux_is_told_and_never_its_last_state() -> None:
-    remote = Remote().say(ACTIVE, 2.0)
-    remote.say(ACTIVE, 1.7, silent=True)
-    assert remote.shown == lines_of(ACTIVE)
-    remote.say(ACTIVE, 1.2, silent=True)
-    assert remote.shown == NO_NEWS
-    assert remote.rumbles == 1
-    remote.say(STOPPED, 2.0)
-    assert remote.shown == lines_of(STOPPED)
-    assert remote.rumbles == 1
-
-
 def test_silence_is_told_where_nothing_else_wakes_the_session() -> None:
     bench = SessionBench(Session(Settings(wire=CanWire(), **SHOWN)))
     bench.open()
     bench.session.hear_status(STOPPED, bench.now)
     bench.wait(5.0)
     assert bench.session.values(bench.now)['shown on the remote'].startswith(NO_NEWS[0])
-
-
-def test_mux_that_was_never_heard_is_told() -> None:
-    remote = Remote().say(None, 3.5)
-    assert remote.shown == NO_NEWS
-    assert not remote.rumbles
-
-
-def test_remote_that_connects_anew_shows_the_newest() -> None:
-    remote = Remote().say(READY, 2.0)
-    remote.vsc.apply('reboot')
-    remote.say(STOPPED, 2.0)
-    remote.vsc.apply('mode operational')
-    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
 
 
 def test_node_that_ends_takes_the_state_off_the_display_behind_its_stop() -> None:
@@ -281,18 +241,6 @@ def test_node_that_ends_takes_the_state_off_the_display_behind_its_stop() -> Non
 # -- the user's text ------------------------------------------------------------------------------
 
 
-def test_text_of_the_user_is_shown_while_the_mux_lets_drive() -> None:
-    remote = Remote().say(ACTIVE, 2.0)
-    remote.session.set_display_text('bucket\nopen', remote.now)
-    assert remote.say(ACTIVE, 2.0).shown == ('bucket', 'open', '', '')
-    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
-    remote.session.set_name(92, 'later', remote.now)
-    assert remote.say(STOPPED, 2.0).shown == lines_of(STOPPED)
-    assert remote.say(ACTIVE, 2.0).shown == ('bucket', 'open', 'later', '')
-    remote.session.set_display_text('', remote.now)
-    assert remote.say(ACTIVE, 2.0).shown == lines_of(ACTIVE)
-
-
 def test_text_that_the_wire_cannot_carry_is_refused_and_changes_nothing() -> None:
     bench = SessionBench(Session(Settings(wire=CanWire(), **SHOWN)))
     bench.open()
@@ -303,53 +251,79 @@ def test_text_that_the_wire_cannot_carry_is_refused_and_changes_nothing() -> Non
     assert bench.session.values(bench.now)['shown on the remote'] == 'ACTIVE /  /  / '
 
 
-def test_display_mode_of_the_user_stays() -> None:
-    remote = Remote()
-    remote.session.set_feedback(99, 3, remote.now)
-    assert remote.say(STOPPED, 2.0).vsc.display == 'its own: values'
-
-
-def test_can_remote_shows_the_same() -> None:
-    bench, vsc = SessionBench(Session(Settings(wire=CanWire(), **SHOWN))), CanSimulator()
-    vsc.apply('mode operational')
-    bench.open()
-    bench.session.hear_status(STOPPED, bench.now)
-    bench.wait(1.9)
-    for at, frame in bench.sent:
-        vsc.receive(frame, at)
-    vsc.poll(bench.now)
-    assert tuple(vsc.display.split('\n')) == lines_of(STOPPED)
-    assert not vsc.broken_strings
-    assert not any(vsc.too_fast.values())
-
-
-# -- the rumble -----------------------------------------------------------------------------------
+# -- what is shown, and when it rumbles: one table ------------------------------------------------
 
 HELD = replace(STOPPED, refused=1)
-STORIES: list[tuple[str, Sequence[MuxStatus], int]] = [
-    ('begins stopped', (STOPPED, STOPPED), 0),
-    ('stop', (ACTIVE, STOPPED, replace(STOPPED, code='mux.reset.due')), 1),
-    ('stop of a machine at rest', (READY, STOPPED), 1),
-    ('ramp, then stopped', (ACTIVE, MuxStatus('STOPPING', 'mux.stopping'), STOPPED), 1),
-    ('deadman in a stop', (STOPPED, HELD, HELD), 1),
-    ('deadman twice', (STOPPED, HELD, HELD, replace(HELD, refused=2)), 2),
-    ('deadman since a new mux', (HELD, STOPPED, HELD), 1),
-    ('stop, and the deadman held', (ACTIVE, STOPPED, STOPPED), 1),
-    ('deadman too early', (READY, replace(READY, refused=1)), 1),
-    ('deadman lost to another', (ACTIVE, MuxStatus('ACTIVE', owner='x')), 0),
-    ('reset', (STOPPED, READY, ACTIVE, READY), 0),
-]
+STOPPING = MuxStatus('STOPPING', 'mux.stopping')
+DUE = replace(STOPPED, code='mux.reset.due')
+# A step: what the mux says, for how long, and then the lines; or what somebody asks of the remote
+# or of the node. 'silent' is a mux that says no more. Last, how often it rumbles.
+Step = tuple[MuxStatus | str, float, tuple[str, ...] | None] | Callable[[Remote], object]
+USER, LATER = ('bucket', 'open', '', ''), ('bucket', 'open', 'later', '')
+STORIES: dict[str, tuple[int, list[Step]]] = {
+    'a mux that falls silent is told, and never its last state': (
+        1,
+        [
+            *((ACTIVE, 2.0, None), ('silent', 1.7, lines_of(ACTIVE)), ('silent', 1.2, NO_NEWS)),
+            (STOPPED, 2.0, lines_of(STOPPED)),
+        ],
+    ),
+    'a mux that was never heard is told': (0, [('silent', 3.5, NO_NEWS)]),
+    'a remote that connects anew shows the newest': (
+        0,
+        [
+            *((READY, 2.0, None), lambda r: r.vsc.apply('reboot'), (STOPPED, 2.0, None)),
+            *(lambda r: r.vsc.apply('mode operational'), (STOPPED, 2.0, lines_of(STOPPED))),
+        ],
+    ),
+    'text of the user is shown while the mux lets drive': (
+        2,
+        [
+            *((ACTIVE, 2.0, None), lambda r: r.session.set_display_text('bucket\nopen', r.now)),
+            *((ACTIVE, 2.0, USER), (STOPPED, 2.0, lines_of(STOPPED))),
+            lambda r: r.session.set_name(92, 'later', r.now),
+            *((STOPPED, 2.0, lines_of(STOPPED)), (ACTIVE, 2.0, LATER)),
+            lambda r: r.session.set_display_text('', r.now),
+            *((ACTIVE, 2.0, lines_of(ACTIVE)), (STOPPED, 0.5, None)),
+        ],
+    ),
+    'a display mode of the user stays': (
+        0,
+        [
+            lambda r: r.session.set_feedback(99, 3, r.now),
+            (STOPPED, 2.0, ('its own: values',)),
+        ],
+    ),
+    **{
+        f'it rumbles {rumbles} times: {name}': (rumbles, [(each, 0.5, None) for each in said])
+        for name, said, rumbles in (
+            ('begins stopped', (STOPPED, STOPPED), 0),
+            ('stop', (ACTIVE, STOPPED, DUE), 1),
+            ('stop of a machine at rest', (READY, STOPPED), 1),
+            ('ramp, then stopped', (ACTIVE, STOPPING, STOPPED), 1),
+            ('deadman in a stop', (STOPPED, HELD, HELD), 1),
+            ('deadman twice', (STOPPED, HELD, HELD, replace(HELD, refused=2)), 2),
+            ('deadman since a new mux', (HELD, STOPPED, HELD), 1),
+            ('deadman too early', (READY, replace(READY, refused=1)), 1),
+            ('deadman lost to another', (ACTIVE, MuxStatus('ACTIVE', owner='x')), 0),
+            ('reset', (STOPPED, READY, ACTIVE, READY), 0),
+        )
+    },
+}
 
 
-@pytest.mark.parametrize(('said', 'rumbles'), [each[1:] for each in STORIES])
-def test_remote_rumbles_once_a_stop_and_once_a_refused_deadman(
-    said: Sequence[MuxStatus], rumbles: int
-) -> None:
+@pytest.mark.parametrize('story', STORIES)
+def test_story(story: str) -> None:
+    rumbles, steps = STORIES[story]
     remote = Remote()
-    for status in said:
-        remote.say(status, 0.5)
-    assert remote.rumbles == rumbles
-    assert {side for _, side in remote.vsc.rumbles} <= {'both'}
+    for number, step in enumerate(steps):
+        if callable(step):
+            step(remote)
+            continue
+        status, seconds, lines = step
+        remote.say(None if isinstance(status, str) else status, seconds)
+        assert lines in (None, remote.shown), f'step {number}'
+    assert [side for _, side in remote.vsc.rumbles] == ['both'] * rumbles
 
 
 # -- it never delays what counts ------------------------------------------------------------------
@@ -379,31 +353,14 @@ def test_display_delays_no_heartbeat_and_no_stop(seed: int) -> None:
                 bench.hear(heartbeat(estop=bits))
         busy = rng.random() < 0.2
         step = rng.uniform(0.001, 0.03)
+        before = len(shows.sent)
         for bench in (shows, plain):
             bench.busy = busy
             bench.now += step
             bench.poll()
-    assert shows.frames(0x21) == plain.frames(0x21)
+        assert not any(frame in (CLEAR, STOP) for _, frame in shows.sent[before + 1 :])
+    assert shows.frames(0x21) == plain.frames(0x21) == plain.sent
+    assert 'shown on the remote' not in plain.session.values(plain.now)
     assert len(shows.frames(0x31)) > 10
     for kind, least in (0x30, 0.05), (0x31, 0.25):
         assert min(gaps(shows.frames(kind))) >= least - 1e-9
-
-
-def test_heartbeat_is_the_first_frame_of_every_poll() -> None:
-    rng = random.Random(1)
-    bench = opened(**SHOWN)
-    for _ in range(2000):
-        bench.session.hear_status(random_status(rng), bench.now)
-        bench.now += rng.uniform(0.001, 0.03)
-        _, frames = bench.session.poll(bench.now)
-        for frame in frames:
-            bench.session.sent(frame, bench.now)
-        assert not any(frame in (CLEAR, STOP) for frame in frames[1:])
-
-
-def test_session_without_the_parameter_sends_and_says_nothing_of_it() -> None:
-    bench = opened()
-    bench.wait(5.0)
-    assert not bench.frames(0x31)
-    assert not bench.frames(0x30)
-    assert 'shown on the remote' not in bench.session.values(bench.now)

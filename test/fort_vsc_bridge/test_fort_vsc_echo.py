@@ -3,7 +3,6 @@
 
 """Our heartbeat to the VSC, the stop it asks for on any line, and the echo of that stop."""
 
-import itertools
 import re
 from typing import Any
 
@@ -11,7 +10,6 @@ import pytest
 
 from bridge_core.session import Level, RETRY, StopChanged, Verdict
 from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.session import Session, Settings
 from fort_vsc_bridge.session.report import DEAF
 from fort_vsc_bridge.session.stops import OBEY_TIME
 from stage.fort_vsc_rig import (
@@ -27,8 +25,6 @@ from stage.fort_vsc_rig import (
     USER,
     VSC,
 )
-from stage.link_rig import FakeTransport
-from stage.wire_rig import WireBench
 
 # -- one table: what is asked and heard, what our heartbeats say, and whose a stop is -------------
 
@@ -216,23 +212,26 @@ def test_story(story: str) -> None:
         assert re.fullmatch('SC{4}', letters(bench, reopened))
 
 
-def test_stop_that_was_asked_while_the_port_was_closed_says_who_asked() -> None:
-    bench = opened(software_estop_timeout=5.0)
-    ask(bench, False)
-    bench.close()
-    bench.session.set_software_estop(True, bench.now)
-    bench.session.set_software_estop(False, bench.now)
-    bench.open()
-    bench.hear(HEARD['user'])
-    reason = bench.session.stop_reasons(bench.now)[0]
-    assert reason.startswith('end what ~/software_estop asks for')
-
-
-def test_required_stop_says_that_its_topic_was_never_heard() -> None:
-    bench = opened(require_software_estop=True)
-    bench.hear(HEARD['user'])
-    (reason, _) = bench.session.stop_reasons(bench.now)
-    assert 'start what publishes ~/software_estop (never heard' in reason
+@pytest.mark.parametrize(
+    ('options', 'steps', 'words'),
+    [
+        (
+            {'software_estop_timeout': 5.0},
+            ['open', 'release', 'close', 'say stop', 'say clear', 'open', 'hear user'],
+            'end what ~/software_estop asks for',
+        ),
+        (
+            {'require_software_estop': True},
+            ['open', 'hear user'],
+            'start what publishes ~/software_estop (never heard',
+        ),
+    ],
+)
+def test_stop_says_who_asked(options: dict[str, Any], steps: list[str], words: str) -> None:
+    bench = Bench(**options)
+    for step in steps:
+        act(bench, step)
+    assert bench.session.stop_reasons(bench.now)[0].startswith(words)
 
 
 # -- modes outside table 12 -----------------------------------------------------------------------
@@ -322,23 +321,21 @@ def test_vsc_that_was_just_found_has_not_refused_to_stop() -> None:
 # -- when our heartbeat goes ----------------------------------------------------------------------
 
 
-def test_heartbeat_goes_at_its_rate_though_nothing_is_heard() -> None:
+@pytest.mark.parametrize(('step', 'longest'), [(0.0, 0.0501), (0.01001, 0.07)])
+def test_heartbeat_keeps_its_rate_though_nothing_is_heard_and_polls_come_late(
+    step: float, longest: float
+) -> None:
     bench = opened(heartbeat_rate=20.0)
-    bench.wait(10.0)
+    while bench.now < 110.0:
+        if step:
+            bench.now += step
+            bench.hear()
+        else:
+            bench.wait(1.0)
     assert {frame for _, frame in bench.sent} == {CLEAR}
-    times = [at for at, _ in bench.sent]
-    assert times[0] == 100.0
-    assert len(times) in (200, 201)
-    assert all(b - a == pytest.approx(0.05) for a, b in itertools.pairwise(times))
-
-
-def test_heartbeat_keeps_its_rate_though_polls_come_late() -> None:
-    bench = opened()
-    for _ in range(1000):
-        bench.now += 0.01001
-        bench.hear()
+    assert bench.sent[0][0] == 100.0
     assert len(bench.sent) == pytest.approx(200, abs=2)
-    assert max(gaps(bench.sent)) < 0.07
+    assert max(gaps(bench.sent)) < longest
 
 
 def test_software_stop_goes_at_once_and_repeats_at_its_rate() -> None:
@@ -382,20 +379,3 @@ def test_value_that_a_busy_line_did_not_take_brings_no_heartbeat_forward() -> No
     bench.busy = False
     bench.wait(0.07)
     assert gaps(bench.frames(0x21)) == pytest.approx([0.05, 0.05])
-
-
-def test_wire_whose_line_was_busy_says_stop_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    wire: Any = WireBench(monkeypatch)
-    wire.port = port = FakeTransport()
-    wire.session = Session(Settings(heartbeat_rate=4.0, software_estop_timeout=5.0))
-    wire.open()
-    wire.ask('set_software_estop', False)
-    wire.go_on(0.1)
-    port.busy = 10**9
-    wire.ask('set_software_estop', True)
-    wire.go_on(0.01)
-    assert STOP not in port.sent
-    port.busy = 0
-    wire.go_on(2 * RETRY)
-    assert port.sent[-1] == STOP
-    wire.close()

@@ -5,15 +5,13 @@
 
 from collections.abc import Sequence
 import struct
-from typing import Any
 
 import pytest
 
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol.values import Mode
-from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
+from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import Session, Settings
-from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from fort_vsc_bridge.simulator.can import IDENTIFIERS
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
@@ -159,73 +157,3 @@ def test_deadman_pressed_in_a_stop_before_a_pause_is_not_pressed_anew(
     bench.cycles(10, Mode.OPERATIONAL, four(REST))
     assert bench.cycles(8, Mode.OPERATIONAL, held)[-1]
     assert bench.in_control()
-
-
-DEVICES = {
-    'serial': (SerialWire(), Simulator),
-    'can': (CanWire(), CanSimulator),
-    'hid': (HidWire(), HidSimulator),
-}
-
-
-def hear_out(bench: SessionBench[Session], device: Any) -> list[bool]:
-    """Hear a simulated remote for 1 s; return what its button right_down said."""
-    before = len(bench.events)
-    for _ in range(100):
-        bench.now += 0.01
-        bench.take(*device.poll(bench.now))
-    told = [event.buttons[4] for event in sticks(bench.events[before:])]
-    return told[4:]  # on CAN those are of the last of four frames
-
-
-@pytest.mark.parametrize('zeros', ['values', 'all', 'rest'])
-@pytest.mark.parametrize('mode', ['remote', 'menu', 'pause'])
-@pytest.mark.parametrize('tolerant', [False, True])
-@pytest.mark.parametrize('wire', DEVICES)
-def test_button_that_a_simulated_remote_holds_through_another_mode_is_not_pressed_anew(
-    wire: str, tolerant: bool, mode: str, zeros: str
-) -> None:
-    kind, simulator = DEVICES[wire]
-    settings: dict[str, Any] = {'wire': kind, 'tolerate_faulty_axes': tolerant}
-    bench, device = SessionBench(Session(Settings(**settings))), simulator()
-    bench.open()
-    device.apply(f'zeros {zeros}')
-    for command, pressed in (
-        *(('mode operational', False), ('button right_down 1', True), (f'mode {mode}', False)),
-        *(('mode operational', False), ('button right_down 0', False)),
-        ('button right_down 1', True),
-    ):
-        device.apply(command)
-        assert any(hear_out(bench, device)) is pressed, command
-    assert not bench.session.faulty
-
-
-@pytest.mark.parametrize('mode', ['remote', 'menu', 'pause', ''])
-@pytest.mark.parametrize('stop', ['silence', 'lost port', 'red button'])
-@pytest.mark.parametrize('wire', DEVICES)
-def test_button_that_a_simulated_remote_holds_since_a_stop_counts_unless_a_pause_follows(
-    wire: str, stop: str, mode: str
-) -> None:
-    """Straight after a stop it keeps a reset away."""
-    kind, simulator = DEVICES[wire]
-    bench, device = SessionBench(Session(Settings(wire=kind))), simulator()
-    bench.open()
-    device.apply('mode operational')
-    hear_out(bench, device)
-    if stop == 'red button':
-        device.apply('estop remote on')
-        hear_out(bench, device)
-        device.apply('estop remote off')
-        device.apply('ack')
-    elif stop == 'silence':
-        bench.wait(1.2)
-    else:
-        bench.close()
-        bench.open()
-    assert bench.session.estop
-    device.apply('button right_down 1')
-    if mode:
-        device.apply(f'mode {mode}')
-        hear_out(bench, device)
-    device.apply('mode operational')
-    assert set(hear_out(bench, device)) == {not mode}

@@ -69,21 +69,3 @@ def test_line_that_grows_late_without_a_gap_is_a_stop_and_is_told(bench: FarBenc
     bench.vsc.apply('delay 0 out')
     bench.wait_says(bench.estop, False)
     bench.wait(lambda: bench.age() < LIMIT / 2, 'a young line')
-
-
-@pytest.mark.parametrize('delay', [0.4, 2.0])
-def test_line_that_is_late_from_the_start_is_known(
-    delay: float, tmp_path: Path, observer: Observer
-) -> None:
-    with Device(tmp_path / 'vsc', Simulator()) as vsc, SerialServer(vsc.path) as server:
-        vsc.apply(f'delay {delay} out', 'mode operational')
-        bench = FarBench(vsc, server.url, observer)
-        try:
-            bench.wait(lambda: delay < bench.age() < math.inf, 'its age')
-            if delay > LIMIT:
-                bench.wait(lambda: LATE in bench.told(DEVICE), 'the reason')
-                bench.wait_says(bench.estop, True)
-            else:
-                bench.wait_says(bench.estop, False)
-        finally:
-            bench.close()

@@ -102,34 +102,29 @@ def test_golden_frame_becomes_joy_with_left_and_forward_positive(
     assert joy.header.stamp.sec > 0
 
 
-def test_mode_follows_the_remote_and_sticks_count_in_operational_only(bench: NodeBench) -> None:
-    bench.wait_deflected()
-    bench.vsc.apply('mode pause')
-    bench.wait_says(bench.mode, 'Pause')
-    bench.wait_neutral()
-    bench.wait_says(bench.estop, False)
-    bench.vsc.apply('estop remote on')
-    bench.wait_says(bench.estop, True)
-    bench.wait_says(bench.mode, 'Local')
-    bench.wait(lambda: 'the remote' in bench.told(DEVICE), 'why')
-    bench.vsc.apply('estop remote off', 'ack')
-    bench.wait_says(bench.estop, False)
-
-
-def test_each_change_of_the_device_is_told_at_once_and_once_a_second(bench: NodeBench) -> None:
+def test_mode_follows_the_remote_and_each_change_is_told(bench: NodeBench) -> None:
     def told(message: str, level: bytes) -> bool:
         last = bench.device.last
         return last is not None and last.message.startswith(message) and last.level == level
 
+    bench.wait_deflected()
     bench.wait(lambda: told('Operational', DiagnosticStatus.OK), 'Operational')
     bench.vsc.apply('mode pause')
+    bench.wait_says(bench.mode, 'Pause')
+    bench.wait_neutral()
+    bench.wait_says(bench.estop, False)
     bench.wait(lambda: told('Pause; take the remote in hand', DiagnosticStatus.OK), 'Pause')
     count = len(bench.device.messages)
-    bench.wait(lambda: len(bench.device.messages) >= count + 2, 'the same again')
+    bench.wait(lambda: len(bench.device.messages) >= count + 2, 'the same once a second')
     bench.wait(lambda: 'has paused it' in bench.told(DEVICE), 'the same in /diagnostics')
     bench.vsc.apply('estop remote on')
+    bench.wait_says(bench.estop, True)
+    bench.wait_says(bench.mode, 'Local')
     bench.wait(lambda: told('Local; e-stop: ', DiagnosticStatus.WARN), 'the stop')
+    bench.wait(lambda: 'the remote' in bench.told(DEVICE), 'why')
     bench.node.wait_output('mode: Pause, was Operational')
+    bench.vsc.apply('estop remote off', 'ack')
+    bench.wait_says(bench.estop, False)
 
 
 def test_silence_gives_a_stop_and_one_neutral_joy_and_ends_by_itself(bench: NodeBench) -> None:
@@ -162,19 +157,6 @@ def test_unplugged_vsc_is_a_stop_and_comes_back(bench: NodeBench, transport: str
     bench.wait(lambda: bench.count('reconnects') == after, 'the count')
 
 
-def test_faulty_stick_makes_joy_neutral_and_is_named(bench: NodeBench) -> None:
-    bench.vsc.apply('button left_down 1')
-    bench.wait_deflected()
-    bench.vsc.apply('fault right_z error')
-    bench.wait_neutral()
-    named = 'right_z error'
-    bench.wait(lambda: bench.diagnostics.value(DEVICE, 'faulty controls') == named, 'its name')
-    assert bench.level(DEVICE) == DiagnosticStatus.ERROR
-    assert named in bench.told(DEVICE)
-    bench.vsc.apply('fault right_z ok')
-    bench.wait(lambda: bench.axes()[1] == 1.0, 'the stick back')
-
-
 def test_garbage_is_counted_and_releases_nothing(bench: NodeBench, transport: str) -> None:
     bench.vsc.apply('estop remote on')
     bench.wait_says(bench.estop, True)
@@ -187,33 +169,16 @@ def test_garbage_is_counted_and_releases_nothing(bench: NodeBench, transport: st
 
 
 VALUE, NAME_, TEXT, RUMBLE = 'set_user_value', 'set_user_name', 'display_text', 'set_feedback'
-REFUSED: list[tuple[str, str, Any, str]] = [
-    ('serial', VALUE, KeyValue(key='3', value='much'), 'whole number'),
-    ('serial', VALUE, KeyValue(key='three', value='1'), 'whole number'),
+REFUSED: list[tuple[str, str, Any, str]] = [  # one of each topic, and what has no end
     ('serial', VALUE, KeyValue(key='1', value='9' * 4000), 'whole number from'),
-    ('serial', VALUE, KeyValue(key='13', value='1'), '13'),
     ('serial', VALUE, KeyValue(key='81', value='0'), 'configure_device'),
-    ('serial', NAME_, KeyValue(key='10', value='x'), '10'),
-    ('serial', NAME_, KeyValue(key='1', value='x' * 21), '20'),
     ('serial', NAME_, KeyValue(key='1', value='x' * 1_000_000), 'xxx...xxx'),
     ('serial', NAME_, KeyValue(key=' ' * 1_000_000 + '1', value='x'), 'whole number'),
-    ('serial', NAME_, KeyValue(key='1', value='ü'), 'ASCII'),
     ('serial', TEXT, String(data='x' * 1_000_000), '1000000 characters'),
-    ('serial', TEXT, String(data='\n'.join('12345')), 'lines'),
-    ('serial', TEXT, String(data='grün'), ''),
     ('serial', 'get_user_value', UInt8(data=200), '200'),
-    ('serial', RUMBLE, JoyFeedback(type=JoyFeedback.TYPE_LED), 'rumble'),
-    ('serial', RUMBLE, JoyFeedback(type=1, id=2, intensity=1.0), '2'),
     ('serial', RUMBLE, JoyFeedback(type=1, intensity=math.nan), 'intensity'),
     ('can', NAME_, KeyValue(key='1', value='x' * 19), '18 characters'),
-    ('can', TEXT, String(data='x' * 19), '18 characters'),
-    ('can', VALUE, KeyValue(key='81', value='0'), 'configure_device'),
-    ('can', 'get_user_value', UInt8(data=3), 'transport can cannot carry a question'),
     ('hid', RUMBLE, JoyFeedback(type=1, id=1, intensity=1.0), 'hid cannot carry values'),
-    ('hid', VALUE, KeyValue(key='3', value='1'), 'hid cannot carry values'),
-    ('hid', NAME_, KeyValue(key='3', value='x'), 'hid cannot carry names or text'),
-    ('hid', TEXT, String(data='x'), 'hid cannot carry names or text'),
-    ('hid', 'get_user_value', UInt8(data=3), 'hid cannot carry a question'),
 ]
 
 

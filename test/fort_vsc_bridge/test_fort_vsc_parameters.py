@@ -10,14 +10,13 @@ import re
 from typing import Any
 
 import pytest
-import yaml
 
 from bridge_core.parameters import resolve
 from bridge_core.runner import run
 from fort_vsc_bridge.node import FortVscBridge
 from fort_vsc_bridge.parameters import PARAMETERS
 from fort_vsc_bridge.protocol.can import CanIds
-from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
+from fort_vsc_bridge.protocol.wires import CanWire
 from fort_vsc_bridge.session import Settings, wire_of
 from stage.rig import as_yaml
 
@@ -27,18 +26,6 @@ CONFIGURE = {'configure_device': True, 'device.auto_off_enable': 0}
 
 def values(**given: Any) -> dict[str, Any]:
     return resolve(PARAMETERS, given)
-
-
-@pytest.mark.parametrize(
-    ('transport', 'kind'), [('serial', SerialWire), ('can', CanWire), ('hid', HidWire)]
-)
-def test_defaults_make_a_session_for_each_transport(transport: str, kind: type) -> None:
-    assert isinstance(Settings.from_parameters(values(transport=transport)).wire, kind)
-
-
-def test_identifiers_of_the_annotated_file_are_those_of_the_manual() -> None:
-    body = yaml.safe_load(CONFIG.read_text())['/**/fort_vsc_bridge']['ros__parameters']
-    assert body['can'] == CanIds().by_name
 
 
 def test_given_identifiers_reach_the_wire() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.session import Level
 from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
 from fort_vsc_bridge.protocol.values import AutonomyMode, EStopBits, Mode
 from fort_vsc_bridge.session import report
@@ -116,15 +117,22 @@ def test_each_reason_for_a_stop_is_said(
     assert all(word in reason for word, reason in zip(words, reasons, strict=True))
 
 
+LOW, FAR = 'charge the remote: its battery is at 20 %', 'bring the remote nearer'
+
+
 @pytest.mark.parametrize(
-    ('battery', 'charging', 'is_low'),
-    [(20, False, True), (21, False, False), (20, True, False), (None, False, False)],
+    ('battery', 'charging', 'strength', 'said'),
+    [
+        *((20, False, 2, [LOW]), (21, False, 2, []), (20, True, 2, []), (None, False, 2, [])),
+        *((70, False, 1, []), (70, False, 0, [FAR]), (20, False, 0, [LOW, FAR])),
+    ],
 )
-def test_low_battery_of_the_remote_is_a_problem(
-    battery: int | None, charging: bool, is_low: bool
+def test_low_battery_and_weak_radio_of_the_remote_are_problems(
+    battery: int | None, charging: bool, strength: int, said: list[str]
 ) -> None:
-    problems = report.remote_problems(RemoteStatus(battery, charging, 2, 2))
-    assert [text for _, text in problems] == ['charge the remote: its battery is at 20 %'] * is_low
+    problems = report.remote_problems(RemoteStatus(battery, charging, strength, strength))
+    assert [level for level, _ in problems] == [Level.WARN] * len(said)
+    assert all(text.startswith(each) for (_, text), each in zip(problems, said, strict=True))
 
 
 @pytest.mark.parametrize(

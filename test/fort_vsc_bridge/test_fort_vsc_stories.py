@@ -188,10 +188,17 @@ STORIES: dict[str, tuple[tuple[str, ...], list[str]]] = {
         BUS,
         ['open', 'operational deflected', 'sleep 1', 'deflected => stop neutral'],
     ),
-    'a button held through another mode': (
-        ALL,
-        ['open', 'operational deflected => all', 'pause zeros for 1 => clear neutral', *HELD],
-    ),
+    **{
+        f'a button held through {mode} with sticks that are {stick}': (
+            ALL,
+            [
+                *('open', 'operational deflected => all'),
+                *(f'{mode} {stick} for 1 => clear neutral', *HELD),
+            ],
+        )
+        for mode in ('remote', 'menu', 'pause')
+        for stick in ('zeros', 'centred')
+    },
     'a button held through another mode that the sticks tell first': (
         BUS,
         ['open', 'operational deflected', 'zeros => rest', 'menu zeros for 1', *HELD],
@@ -200,14 +207,21 @@ STORIES: dict[str, tuple[tuple[str, ...], list[str]]] = {
         ALL,
         ['open', 'remote zeros for 1 => clear neutral', *HELD],
     ),
-    'a button held through a stop is shown behind it': (
-        ALL,
-        ['open', 'operational deflected', 'local zeros for 1', 'operational deflected => all'],
-    ),
-    'a button held through a stop with another mode behind it': (
-        ALL,
-        ['open', 'operational deflected', 'local zeros for 1', 'remote zeros for 1', *HELD],
-    ),
+    # Straight behind a stop it keeps a reset away; in another mode the mux may be reset.
+    **{
+        f'a button held through {stop} is shown unless another mode follows': (
+            ALL,
+            [
+                *('open', 'operational deflected', *steps, 'operational deflected => clear all'),
+                *(*steps, 'remote zeros for 1 => clear neutral', *HELD),
+            ],
+        )
+        for stop, steps in {
+            'a stop': ['local zeros for 1'],
+            'silence': ['wait 0.25 => stop'],
+            'a lost port': ['close => stop', 'open'],
+        }.items()
+    },
     # Who holds it through the stop prevents the reset.
     'a stop without sticks shows what is held, though a pause before it hid that': (
         BUS,
@@ -216,15 +230,8 @@ STORIES: dict[str, tuple[tuple[str, ...], list[str]]] = {
             'operational deflected => all',
         ],
     ),
-    # The silence is told late, and in the mode after it the mux may be reset.
-    'a button held through silence and another mode': (
-        ALL,
-        [
-            *('open', 'operational deflected', 'wait 0.25 => stop', 'menu zeros for 1'),
-            *HELD,
-        ],
-    ),
-    'the same where sticks were zeroed just before the silence': (
+    # The silence is told late.
+    'a button held through silence just behind zeros, and through a pause': (
         BUS,
         [
             *('open', 'operational deflected', 'wait 0.01', 'zeros', 'wait 0.04', 'operational'),

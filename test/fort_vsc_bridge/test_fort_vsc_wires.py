@@ -15,7 +15,6 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
-from fort_vsc_bridge.protocol.can import CanIds, encode_frame
 from fort_vsc_bridge.protocol.messages import Heartbeat, HostHeartbeat, UserFeedback
 from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
@@ -69,25 +68,6 @@ def test_nothing_is_sent_more_often_than_tables_17_and_34_allow() -> None:
     }
     can = {kind.name: 1 / period for kind, period in CanWire.PERIODS.items()}
     assert can == {'USER_FEEDBACK': 10, 'USER_FEEDBACK_NAME': 10}
-
-
-@pytest.mark.parametrize(
-    ('wire', 'frame', 'to_do'),
-    [
-        (SerialWire(), ALIVE.to_bytes(), 'set device.joystick_interval_ms'),
-        (CanWire(), encode_frame('heartbeat', ALIVE, CanIds()), 'compare can.left_basic'),
-    ],
-)
-def test_missing_joystick_messages_are_told_with_what_to_do(
-    wire: Any, frame: Any, to_do: str
-) -> None:
-    bench = SessionBench(Session(Settings(wire=wire)))
-    bench.open()
-    for _ in range(100):
-        bench.now += 0.05
-        bench.take(frame)
-    (text,) = [text for _, text in bench.session.problems(bench.now) if 'no joystick' in text]
-    assert text.startswith(to_do)
 
 
 class Bench(SessionBench[Session]):

@@ -22,14 +22,17 @@ from stage.io_rig import Box, inputs, PRESSED, RELEASED, rtu, values_of
 
 DISCREPANCY, DEBOUNCE, TIMEOUT = 0.5, 0.1, 0.25
 OUTPUTS = (('red', 4), ('yellow', 5), ('green', 6), ('horn', 7))
-HALF = (False, True)
+CHANNELS = {  # what a button says: released, pressed, or pressed by one channel alone
+    'released': RELEASED,
+    'pressed': PRESSED,
+    'first': (False, True),
+    'second': (True, False),
+}
 
 
 def open_box(**options: Any) -> Box:
     box = Box(**options)
     box.open()
-    if options.get('estop_kind') == 'antivalent':
-        box.lines[:2] = (True, False)
     box.run(2 * DEBOUNCE)
     assert not box.session.estop, box.session.stop_reasons(box.now)
     return box
@@ -40,88 +43,83 @@ def reason(box: Box) -> str:
     return result
 
 
-@pytest.mark.parametrize(
-    ('first', 'words'),
-    [
-        (PRESSED, 'release estop'),
-        (HALF, 'channel 1 alone'),
-        ((True, False), 'channel 2 alone'),
+# A step: what the button says, or 'unseen' what nobody reads, perhaps for how many seconds; the
+# port, 'mute' or 'wait'. Behind => what holds then: 'clear', or a word of why it is a stop.
+FAULT, BOUNCE = 'press and release', ['released for 0.09', 'first => channel 1 alone']
+STORIES: dict[str, list[str]] = {
+    **{
+        f'{said} is a stop at once that ends after the debounce': [
+            *(f'{said} => {words}', 'released for 0.09 => was released just now'),
+            'wait 0.02 => clear',
+        ]
+        for said, words in (
+            ('pressed', 'release estop'),
+            ('first', 'channel 1 alone'),
+            ('second', 'channel 2 alone'),
+        )
+    },
+    'a bounce begins the debounce anew': ['pressed', *BOUNCE * 5, 'released for 0.11 => clear'],
+    'a discrepancy counts from its limit on': ['first for 0.5', f'released for 1 => {FAULT}'],
+    'and not before': ['first for 0.45', 'released for 0.11 => clear'],
+    'a discrepancy stays until both were pressed, though a cable is plugged in again': [
+        *('second for 0.51', f'released for 1 => {FAULT}', 'close', 'open'),
+        *(f'wait 1 => {FAULT}', 'pressed', 'released for 0.11 => clear'),
     ],
-)
-def test_opened_contact_is_a_stop_at_once_and_ends_after_the_debounce(
-    first: Any, words: str
-) -> None:
-    box = open_box()
-    box.set(*first)
-    assert box.session.verdict.estop
-    assert box.session.verdict.own_estop
-    assert words in reason(box)
-    box.set(*RELEASED, wait=0.9 * DEBOUNCE)
-    assert 'was released just now' in reason(box)
-    box.run(0.2 * DEBOUNCE)
-    assert not box.session.estop
-
-
-def test_bounce_of_a_release_begins_the_debounce_anew() -> None:
-    box = open_box()
-    box.set(*PRESSED)
-    for _ in range(5):
-        box.set(*RELEASED, wait=0.9 * DEBOUNCE)
-        box.set(*HALF)
-        assert box.session.estop
-    box.set(*RELEASED, wait=1.1 * DEBOUNCE)
-    assert not box.session.estop
-
-
-@pytest.mark.parametrize(
-    ('released', 'pressed', 'cut'),
-    [
-        ((True, True), (False, False), (True, False)),
-        ((True, False), (False, True), (False, False)),
+    'channels that change sides disagree all along': [
+        'first for 0.3',
+        f'second for 0.3 => {FAULT}',
     ],
-)
-def test_discrepancy_for_too_long_stays_until_both_were_pressed(
-    released: Any, pressed: Any, cut: Any
-) -> None:
-    box = open_box(estop_kind='antivalent' if released[1] is False else 'equivalent')
-    box.set(*cut, wait=DISCREPANCY + 0.01)
-    box.set(*released, wait=1.0)
-    assert 'press and release' in reason(box)
-    box.close()
+    'a discrepancy that nobody read again is a fault behind a lost port': [
+        *('first', 'mute', 'wait 0.51', 'close', 'unseen released', 'open', f'wait 1 => {FAULT}'),
+    ],
+}
+
+
+@pytest.mark.parametrize('kind', ['equivalent', 'antivalent'])
+@pytest.mark.parametrize('story', STORIES)
+def test_story_of_a_contact(story: str, kind: str) -> None:
+    box = Box(estop_kind=kind)
+
+    def lines(said: str) -> tuple[bool, bool]:
+        first, second = CHANNELS[said]
+        return first, second is (kind == 'equivalent')
+
+    box.lines[:2] = lines('released')
     box.open()
-    box.run(1.0)  # a cable that is plugged in again ends no fault
-    assert 'press and release' in reason(box)
-    box.set(*pressed)
-    box.set(*released, wait=1.1 * DEBOUNCE)
+    box.run(2 * DEBOUNCE)
     assert not box.session.estop
-
-
-@pytest.mark.parametrize(('held', 'stays'), [(0.9, False), (1.0, True)])
-def test_discrepancy_counts_from_its_limit_on(held: float, stays: bool) -> None:
-    box = open_box()
-    box.set(*HALF, wait=held * DISCREPANCY)
-    box.set(*RELEASED, wait=1.1 * DEBOUNCE)
-    assert box.session.estop is stays
+    for step in STORIES[story]:
+        act, _, expected = step.partition(' => ')
+        verb, _, rest = act.partition(' ')
+        if verb in CHANNELS:
+            box.set(*lines(verb), wait=float(rest.removeprefix('for ') or 0.0))
+        elif verb in ('open', 'close'):
+            getattr(box, verb)()
+            box.mute = False
+        elif verb == 'unseen':
+            box.lines[:2] = lines(rest)
+        elif verb == 'mute':
+            box.mute = True
+        else:
+            box.run(float(rest))
+        verdict = box.session.verdict
+        if expected == 'clear':
+            assert not verdict.estop, step
+        elif expected:
+            assert verdict.own_estop, step
+            assert expected in reason(box), step
 
 
 @pytest.mark.parametrize(
-    ('channels', 'after'), [(RELEASED, DEBOUNCE), (HALF, DISCREPANCY), (PRESSED, math.inf)]
+    ('said', 'after'),
+    [('released', DEBOUNCE), ('first', DISCREPANCY), ('pressed', math.inf)],
 )
-def test_contact_tells_when_time_alone_changes_what_it_says(
-    channels: tuple[bool, bool], after: float
-) -> None:
+def test_contact_tells_when_time_alone_changes_what_it_says(said: str, after: float) -> None:
     contact = Contact('a', antivalent=False, discrepancy_time=DISCREPANCY, debounce=DEBOUNCE)
     assert contact.reason(8.0) == 'a was not read yet'
-    contact.take(*channels, 8.0)
+    contact.take(*CHANNELS[said], 8.0)
     assert contact.changes_at(8.0) == 8.0 + after
     assert contact.changes_at(8.0 + DISCREPANCY) == math.inf
-
-
-def test_channels_that_change_sides_disagree_all_along() -> None:
-    box = open_box()
-    box.set(*HALF, wait=0.6 * DISCREPANCY)
-    box.set(True, False, wait=0.6 * DISCREPANCY)
-    assert 'press and release' in reason(box)
 
 
 def test_unread_inputs_are_a_stop_by_the_age_of_the_question() -> None:
@@ -152,19 +150,6 @@ def test_nothing_that_was_read_before_the_port_was_lost_counts_behind_it() -> No
     box.open()
     box.run(0.5 * DEBOUNCE)
     assert 'was released just now' in reason(box)
-
-
-def test_discrepancy_that_nobody_read_again_is_a_fault_behind_a_lost_port() -> None:
-    box = open_box()
-    box.set(*HALF)
-    box.mute = True
-    box.run(DISCREPANCY + 0.01)
-    box.close()
-    box.mute = False
-    box.lines[:2] = RELEASED
-    box.open()
-    box.run(1.0)
-    assert 'press and release' in reason(box)
 
 
 def test_port_that_is_open_again_is_asked_and_written_at_once() -> None:
@@ -220,10 +205,14 @@ def test_first_line_serves_like_any_other() -> None:
     assert box.session._panel == Panel(True)
 
 
-def test_refusal_is_told_until_the_next_answer_or_the_next_port() -> None:
+def test_refusal_to_read_is_a_stop_and_told_until_the_next_answer_or_the_next_port() -> None:
     for ends in ('answer', 'port'):
         session = modbus()
         session.receive(rtu(0x82, 2), 10.01)
+        assert session.estop
+        assert session.stop_reasons(10.02) == [
+            'check lines and unit: the box refuses to read its inputs (exception 2)'
+        ]
         if ends == 'port':
             session.closed(10.02)
         now, asked = 10.03, session.opened(10.03)[1] if ends == 'port' else []
@@ -368,15 +357,6 @@ def test_line_that_is_damaged_or_closed_says_what_to_do() -> None:
     assert session.stop_reasons(10.1) == ['plug the box in, and check port: it is not open']
 
 
-def test_box_that_refuses_to_read_is_a_stop_with_its_code() -> None:
-    session = modbus()
-    session.receive(rtu(0x82, 2), 10.01)
-    assert session.estop
-    assert session.stop_reasons(10.02) == [
-        'check lines and unit: the box refuses to read its inputs (exception 2)'
-    ]
-
-
 def test_box_that_refuses_to_write_is_told_and_read_all_the_same() -> None:
     session = modbus(outputs=['red'])
     now = 10.0
@@ -455,6 +435,7 @@ def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text
         {'link_timeout': 0.2, 'answer_time': 0.05, 'poll_rate': 15.0},
         {'key_speeds': [1.0, 0.3]},  # of no key
         {'estop_lines': [1000, 2999]},
+        {'estop_lines': [1, 2], 'key_lines': [0]},
         {'outputs': ['red', 'green'], 'output_lines': [5, 4]},
         {
             'transport': 'gpio',
@@ -464,12 +445,8 @@ def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text
     ],
 )
 def test_parameters_at_their_limit_are_allowed(changes: Mapping[str, Any]) -> None:
-    assert Settings.from_parameters(values_of(PARAMETERS, **changes)).keys == ()
-
-
-def test_key_may_be_on_the_first_line() -> None:
-    given = values_of(PARAMETERS, estop_lines=[1, 2], key_lines=[0])
-    assert Settings.from_parameters(given).keys == (0,)
+    keys = Settings.from_parameters(values_of(PARAMETERS, **changes)).keys
+    assert keys == tuple(changes.get('key_lines', ()))
 
 
 def test_settings_are_by_default_what_parameters_are() -> None:
