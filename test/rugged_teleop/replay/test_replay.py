@@ -195,7 +195,7 @@ class RecordedDrive(esi_drive_rig.Rig):
         self.said += said_by('/esi_drive_bridge', self.now, self.session, data)
         return sent
 
-    def play(self) -> None:
+    def move(self) -> None:
         self.start()
         self.tick(100)
         self.enable, self.status = False, esi_drive_rig.IDLE
@@ -214,7 +214,7 @@ class RecordedUnit(akron_session_rig.Turning):
             self.said += said_by('/akron_can_bridge', self.now, self.session, *words)
         return events
 
-    def play(self) -> None:
+    def move(self) -> None:
         self.ready()
         self.turns = True
         self.run(4.0, akron_session_rig.MOVE)
@@ -226,7 +226,7 @@ class RecordedUnit(akron_session_rig.Turning):
 def test_motion_that_was_asked_for_is_not_told_as_a_stop_of_today(make: Any) -> None:
     """Its bytes alone are those of a device that nobody asked to move."""
     recorded = make()
-    recorded.play()
+    recorded.move()
     name = recorded.said[0].topic.removesuffix('/raw/received')
     before = Said(recorded.said[0].at, f'{name}/estop', '', SimpleNamespace(data=True))
     outcome = replay_session(name, [before, *recorded.said], defaults_of(name), None)
