@@ -20,10 +20,12 @@ import pytest
 from bridge_core import output
 from bridge_core.transports import active, can_pumped, can_socket, link, wire
 from rugged_teleop import ports
+from stage.admission import admit
 from stage.can_rig import CanBus, make_bus
 from stage.link_rig import Bench
 from stage.rig import ENDING, NodeProcess, Observer, own_domain, Pty
 
+_BEGUN: set[Path] = set()  # files of tests
 _PRIORITY = os.getpriority(os.PRIO_PROCESS, 0)
 _LOG_DIR = tempfile.mkdtemp(prefix='rugged_teleop_log_')
 os.environ['ROS_LOG_DIR'] = _LOG_DIR
@@ -82,6 +84,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    if item.path not in _BEGUN and 'PYTEST_XDIST_WORKER' in os.environ and not computing(item)[0]:
+        admit(many=seconds(item, 'waits') > 0)
+    _BEGUN.add(item.path)
     yield
     if 'context' in getattr(item, 'fixturenames', ()):
         gc.collect()  # nodes are in cycles, and would stay in the graph of the tests that follow

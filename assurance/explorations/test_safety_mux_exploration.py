@@ -866,7 +866,7 @@ SCENES = {
 }
 
 
-_NEAR = 400  # states
+_NEAR = 150  # states
 
 
 def visit(name: str, most: float = math.inf) -> None:

@@ -33,8 +33,8 @@ from ssc_bridge.node import SscBridge
 from vm110_bridge.protocol import Crc
 
 CORPUS = corpus()
-INPUTS = 10_000  # for each parser, beside the corpus; less for what takes longer
-_FEW = 100
+INPUTS = 5_000  # for each parser, beside the corpus; less for what takes longer
+_FEW = 50
 pytestmark = pytest.mark.computes(60)  # in all
 
 

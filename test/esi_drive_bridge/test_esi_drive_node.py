@@ -320,7 +320,13 @@ _PROCESS_ENDS: dict[str, Callable[[Bench], object]] = {
 }
 
 
-@pytest.mark.parametrize('end', _PROCESS_ENDS)
+@pytest.mark.parametrize(
+    'end',
+    [
+        pytest.param(end, marks=() if end in ('e-stop', 'wire killed') else pytest.mark.proof)
+        for end in _PROCESS_ENDS
+    ],
+)
 def test_drive_that_regulates_on_stays_where_it_was(
     tmp_path: Path, observer: Observer, end: str
 ) -> None:

@@ -300,9 +300,8 @@ FAULTS = [
 ]
 # The others are left to make proof.
 KEPT = {
-    *('nothing but the reset', 'stop on the remote', 'VSC unplugged', 'drive silent', 'trip'),
-    *('overcurrent', 'node of the VSC killed', 'node of the VSC not active', 'stick at rest'),
-    *('second publisher', 'deadman not pressed', 'remote paused'),
+    *('nothing but the reset', 'stop on the remote', 'drive silent', 'trip', 'overcurrent'),
+    *('node of the VSC not active', 'second publisher', 'deadman not pressed'),
 }
 
 

@@ -179,7 +179,9 @@ def test_drive_that_fell_silent_is_not_said_to_be_disabled(bench: Bench) -> None
     bench.spine.wait(lambda: bench.spine.mux_says('STOPPED'), 'STOPPED')
     text = bench.wait_told(f'/{DRIVE}: whether it was disabled is not known: not heard since ')
     assert f'/{DRIVE}: the drive counts as disabled: nothing is heard' in text
-    assert f'/{DRIVE}: whether it stood is not known: not heard since ' in text
+    # A machine that is held up stops before the drive falls silent: then it is known to stand.
+    stood = f'/{DRIVE}: whether it stood is not known: not heard since '
+    assert stood in text or bench.spine.held_up(), text
     # A busy machine may add stops of its own; none of them knows what the silent drive did.
     for stop in text.split('\n\n'):
         assert 'is not known' not in stop or f'/{DRIVE} was disabled ' not in stop, stop
