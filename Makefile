@@ -26,7 +26,7 @@ PYTHON ?= python3
 ARGS ?=
 HOURS ?= 1
 # Most tests wait most of the time: more of them at once than there are processors. One worker computes.
-WORKERS ?= 6
+WORKERS ?= 5
 # Which ROS 2 comes as wheels. One that is not Jazzy is a rehearsal, in an environment of its own, not pinned by hash.
 ROS ?= jazzy
 VENV := .venv$(addprefix -,$(filter-out jazzy,$(ROS)))

@@ -17,7 +17,7 @@ import socket
 import threading
 import time
 
-_QUEUE = 3.0  # processes, running and waiting, for each processor
+_QUEUE = 2.0  # processes, running and waiting, for each processor
 _SAMPLES, _STEP = 20, 0.025  # s
 _SETTLE = 5.0  # s, until many nodes have started
 _PATIENCE = 240.0  # s; then it begins all the same

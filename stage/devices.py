@@ -55,6 +55,13 @@ TIMEOUTS: Final[dict[str, dict[str, float]]] = {
     },
     DRIVE: {'command_timeout': 0.1, 'link_timeout': 0.25, 'age_limit': 0.25},
 }
+# What a machine of VSC, mux and drive has none of.
+_NO_SUCH = ('estop.vm110.timeout', 'estop.vm110.age_limit', 'feedback.timeout')
+# Of a spine where nothing is about time, so that a busy machine does not stop it.
+UNHURRIED: Final[dict[str, dict[str, float]]] = {
+    node: {name: 6.0 * limit for name, limit in TIMEOUTS[node].items() if name not in _NO_SUCH}
+    for node in (VSC, MUX, DRIVE)
+}
 # In the answer of a service of a bridge that was held up, or whose wire was.
 LATE_WORDS = ('the wire of', 'held up', 'frozen', 'takes nothing')
 BETWEEN_RESETS = 0.55  # s; within clear_time of another one, or of a trip, a reset does nothing

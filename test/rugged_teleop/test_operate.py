@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from esi_drive_bridge.simulator import Simulator
-from stage.devices import DRIVE, MUX, VSC
-from stage.mux_talkers import patient
+from stage.devices import DRIVE, UNHURRIED
 from stage.rig import Observer, run_python
 from stage.spine import Spine
 
@@ -32,8 +31,7 @@ def run(*words: str) -> tuple[int, str]:
 def test_machine_is_reset_tripped_and_cleared_without_the_command_line_of_ros(
     tmp_path: Path, observer: Observer
 ) -> None:
-    parameters = {MUX: patient({}), **{name: {'link_timeout': 1.0} for name in (VSC, DRIVE)}}
-    with PatientSpine(tmp_path, observer, parameters) as spine:
+    with PatientSpine(tmp_path, observer, UNHURRIED) as spine:
         # A busy machine is no wiring fault.
         spine.drive.exchange(Simulator(command_timeout=1.0))
         spine.ready()

@@ -20,23 +20,16 @@ from sensor_msgs.msg import Joy
 
 from fort_vsc_bridge.display_texts import lines_of, status_from
 from rugged_teleop.reference import with_table
-from stage.devices import DRIVE, MUX, TIMEOUTS, TRIP, VSC
+from stage.devices import DRIVE, MUX, TRIP, UNHURRIED, VSC
 from stage.rig import Observer, ROOT
 from stage.spine import DEADMAN, Spine, STICK
 
 pytestmark = pytest.mark.waits(60)
 PAGE = ROOT / 'docs' / 'devices' / 'fort_vsc.md'
 PLACE = '<!-- display: written by test_remote_display.py -->', '<!-- end of display -->'
-# Nothing here is about time, so a busy machine shall not stop it.
-LIMITS = {
-    node: {name: 6.0 * limit for name, limit in TIMEOUTS[node].items()}
-    for node in (VSC, MUX, DRIVE)
-}
-NOT_HERE = ('estop.vm110.timeout', 'estop.vm110.age_limit', 'feedback.timeout')
 PARAMETERS: dict[str, dict[str, Any]] = {
-    VSC: {**LIMITS[VSC], 'show_status': f'{MUX}/status'},
-    MUX: {name: limit for name, limit in LIMITS[MUX].items() if name not in NOT_HERE},
-    DRIVE: LIMITS[DRIVE],
+    **UNHURRIED,
+    VSC: {**UNHURRIED[VSC], 'show_status': f'{MUX}/status'},
 }
 
 

@@ -227,7 +227,6 @@ def test_stop_is_measured_and_recorded(machine: Trial) -> None:
     assert {each.node for each in said if isinstance(each, Parameters)} == {*report['parameters']}
     told = [each for each in said if isinstance(each, Said)]
     states = [each.message.data for each in told if each.topic == '/safety_mux/state']
-    assert states[0] in ('STOPPED', 'READY'), 'what stood at its beginning'
     assert ('ACTIVE' in states, states[-1]) == (True, 'STOPPED')
     assert {f'{DRIVE}/raw/sent', f'{VSC}/raw/received'} <= {each.topic for each in told}
 
