@@ -20,7 +20,7 @@ import pytest
 from std_msgs.msg import Bool, Float64, String
 
 from rugged_teleop.ptys import PtyDevice
-from stage.devices import DRIVE, MUX, VSC
+from stage.devices import DRIVE, MUX, UNHURRIED, VSC
 from stage.modbus_server import ModbusBox
 from stage.multicast_rig import free_port
 from stage.mux_talkers import MuxBench
@@ -236,17 +236,19 @@ def box_of(transport: str, folder: Path) -> Iterator[tuple[str, Callable[[bool],
         yield str(line.path), press, lambda: simulator.coils
 
 
-@pytest.mark.parametrize('transport', ['tcp', 'rtu'])
+@pytest.mark.parametrize('transport', [pytest.param('tcp', marks=pytest.mark.proof), 'rtu'])
 def test_opened_contact_disables_the_drive(
     observer: Observer, tmp_path: Path, transport: str
 ) -> None:
     """It prints how long that took, for the page; IO_PRESSES is how often."""
-    parameters = {
+    parameters: dict[str, dict[str, Any]] = {
+        **UNHURRIED,
         MUX: {
+            **UNHURRIED[MUX],
             'estop_sources': ['fort', 'drive', 'site'],
             'estop.site.topic': f'{NAME}/estop',
             'estop.site.own_topic': f'{NAME}/own_estop',
-        }
+        },
     }
     with (
         box_of(transport, tmp_path) as (port, press, coils),

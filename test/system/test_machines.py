@@ -26,7 +26,11 @@ MACHINES = {
 
 
 @pytest.mark.parametrize(
-    'recipe', [*first_of('fire_truck', 'tracked_vehicle', 'four_wheels'), 'three_remotes']
+    'recipe',
+    [
+        *first_of('fire_truck', 'tracked_vehicle', 'four_wheels'),
+        pytest.param('three_remotes', marks=pytest.mark.proof),
+    ],
 )
 def test_remote_moves_the_machine_and_its_stop_ends_that_on_every_wire(
     recipe: str, tmp_path: Path, observer: Observer

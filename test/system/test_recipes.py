@@ -275,6 +275,7 @@ def test_goal_of_nav2_drives_its_end_stops_and_the_next_one_drives_again(base: B
     base.follows(0.0, 0.0)
 
 
+@pytest.mark.proof
 def test_without_the_idle_zeros_the_end_of_a_goal_is_a_lost_owner(base: Base) -> None:
     base.select()
     base.nav2.go(0.3, 0.0)
