@@ -60,6 +60,18 @@ def test_clock_that_is_not_ours_is_never_late(
 
 @pytest.mark.parametrize('period', [0.124, 0.125, 0.126])
 @pytest.mark.parametrize(
+    ('hold', 'every'), [(0.2, 7200.0), (0.3, 7200.0), (2.0, 7200.0), (0.2, 60.0), (0.4, 300.0)]
+)
+def test_what_was_held_back_for_a_moment_is_forgotten(
+    period: float, hold: float, every: float
+) -> None:
+    """The first VRPI, too: what was learned of the period with them kept it late for ever."""
+    _, found = heard(7200.0, lambda sent: hold * (sent % every < 0.3), period=period)
+    assert all(lag < LIMIT / 4 for sent, lag, _ in found if sent % every > 1.0)
+
+
+@pytest.mark.parametrize('period', [0.124, 0.125, 0.126])
+@pytest.mark.parametrize(
     ('start', 'rate'), [(100.0, 0.05), (10.0, 0.3), (10.0, 1.0), (600.0, 0.005)]
 )
 @pytest.mark.parametrize('most', [0.0, 0.05])

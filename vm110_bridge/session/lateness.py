@@ -19,6 +19,7 @@ _JITTER = 0.1
 _DRIFT = 1e-4
 _MEMORY = 3600.0  # s
 _LEARNS_BELOW = 0.25  # s late: what is held back is no period
+_EARLY = 0.05  # s before any expectation: what came before was held back, and is no measure
 _LONG = 1000.0  # s of silence after which numbers may have wrapped
 
 
@@ -37,6 +38,7 @@ class Lateness:
         self._others = 0  # packets since, which are no VRPI
         self._watched = 0.0  # s, and how many periods that was
         self._periods = 0
+        self._held = 0.0, 0  # the same since it was learned last
 
     def heard(self, serial: int, now: float) -> None:
         """Take the number of a VRPI that is newer than all before it."""
@@ -51,9 +53,15 @@ class Lateness:
             return
         tolerance = min(max(_JITTER / max(self._watched, _JITTER), _DRIFT), _MOST_ERROR)
         expected = periods * self._period * (1.0 + tolerance)
-        self.lag = max(self.lag + gap - expected, 0.0)
-        if self.lag < _LEARNS_BELOW:
-            self._watched, self._periods = self._watched + gap, self._periods + periods
+        lag = self.lag + gap - expected
+        self.lag = max(lag, 0.0)
+        self._held = self._held[0] + gap, self._held[1] + periods
+        if lag < -_EARLY:
+            self._watched, self._periods, self._held = 0.0, 0, (0.0, 0)
+        elif lag < _LEARNS_BELOW:
+            self._watched += self._held[0]
+            self._periods += self._held[1]
+            self._held = 0.0, 0
             if self._watched > _MEMORY:
                 self._watched, self._periods = self._watched / 2, self._periods // 2
         self.is_late = self.lag > (self.limit / 2 if self.is_late else self.limit)
