@@ -71,6 +71,22 @@ def test_what_was_held_back_for_a_moment_is_forgotten(
 
 
 @pytest.mark.parametrize('period', [0.124, 0.125, 0.126])
+@pytest.mark.parametrize(('at', 'step'), [(5.0, 0.4), (20.0, 0.4), (60.0, 0.45)])
+@pytest.mark.parametrize('rate', [0.005, 0.02, 0.3])
+def test_delay_that_stays_teaches_no_period_that_hides_a_creep(
+    period: float, at: float, step: float, rate: float
+) -> None:
+    shakes, start = jitter(0.05), at + 300.0
+
+    def delay(sent: float) -> float:
+        return step * (sent >= at) + min(max(sent - start, 0.0) * rate, 2.0) + shakes(sent)
+
+    _, found = heard(start + 2.0 / rate, delay, period=period)
+    first = next(sent for sent, _, late in found if late and sent > at + 60.0)
+    assert 0.25 < (first - start) * rate < 1.5 * LIMIT + rate * PERIOD
+
+
+@pytest.mark.parametrize('period', [0.124, 0.125, 0.126])
 @pytest.mark.parametrize(
     ('start', 'rate'), [(100.0, 0.05), (10.0, 0.3), (10.0, 1.0), (600.0, 0.005)]
 )

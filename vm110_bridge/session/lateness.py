@@ -59,8 +59,9 @@ class Lateness:
         if lag < -_EARLY:
             self._watched, self._periods, self._held = 0.0, 0, (0.0, 0)
         elif lag < _LEARNS_BELOW:
-            self._watched += self._held[0]
-            self._periods += self._held[1]
+            if self._held[0] * tolerance < _EARLY:  # else it may be held back still
+                self._watched += self._held[0]
+                self._periods += self._held[1]
             self._held = 0.0, 0
             if self._watched > _MEMORY:
                 self._watched, self._periods = self._watched / 2, self._periods // 2
