@@ -45,7 +45,7 @@ class Visitor:
         signals: SignalHandlerOptions = SignalHandlerOptions.ALL,
         beside: Visitor | None = None,
     ) -> None:
-        self._host = beside
+        self._is_alone = beside is None
         if beside is None:
             avoid_shared_memory()
             self._context = Context()
@@ -76,12 +76,10 @@ class Visitor:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._host is None:
-            self._executor.shutdown()
-        else:
-            self._executor.remove_node(self.node)
+        self._executor.remove_node(self.node)
         self.node.destroy_node()
-        if self._host is None:
+        if self._is_alone:
+            self._executor.shutdown()
             self._context.try_shutdown()
 
 

@@ -38,7 +38,10 @@ def admit(many: bool) -> None:
         time.sleep(_STEP)
     while _queue() > _QUEUE * (os.cpu_count() or 1) and time.monotonic() < end:
         pass
-    ends = threading.Timer(_SETTLE * many, turn.close)
+    if not many:
+        turn.close()
+        return
+    ends = threading.Timer(_SETTLE, turn.close)
     ends.daemon = True
     ends.start()
 

@@ -21,7 +21,7 @@ import pytest
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
-from stage.devices import DRIVE, MUX, TIMEOUTS, VSC
+from stage.devices import DRIVE, MUX, TIMEOUTS, UNHURRIED, VSC
 from stage.fort_vsc_nodes import NodeBench, serial_bench
 from stage.multicast_rig import free_port
 from stage.mux_talkers import MuxBench, sticks
@@ -162,17 +162,12 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Spine, Ben
     """Give a spine with soft ends whose positions may be bent, and a second operator."""
     second = {'topic': 'second/joy', 'priority': 20, 'mixing': 'arcade', 'axis': [1, 0]}
     second |= {'scale': [FASTEST], 'timeout': 1.5}
-    # Nothing here is about time, so a busy machine shall not stop it.
-    limits = {
-        node: {name: 6.0 * limit for name, limit in TIMEOUTS[node].items() if 'vm110' not in name}
-        for node in (VSC, MUX, DRIVE)
-    }
-    parameters = {
-        VSC: limits[VSC],
-        DRIVE: limits[DRIVE],
+    parameters: dict[str, dict[str, Any]] = {
+        **UNHURRIED,
         MUX: {
-            **limits[MUX],
+            **UNHURRIED[MUX],
             'feedback.topic': BENT,
+            'feedback.timeout': 6.0 * TIMEOUTS[MUX]['feedback.timeout'],
             'operators': ['fort', 'second'],
             **{f'operator.second.{name}': value for name, value in second.items()},
             **ENDS,
