@@ -15,6 +15,7 @@ from rugged_teleop.ledger.tried import Tried
 
 _STEP = 0.5  # s by which a clock is set, at least, to be worth a line
 _STOOD = 'stood'
+_OF_NODES = ('link_up', 'enabled', 'joint_states')
 _TYPES = {
     'rosout': 'rcl_interfaces/msg/Log',
     'parameter_events': 'rcl_interfaces/msg/ParameterEvent',
@@ -41,7 +42,8 @@ class Witness:
         self._read, self._note, self.trend, self.tried = read, note, trend, tried
         self._facts = Facts(written)
         self._stops = Stops(read)
-        self._topics: frozenset[str] = frozenset()
+        self._facts_in: frozenset[str] = frozenset()  # topics
+        self._heard: frozenset[str] = frozenset()  # all topics that say something
         self._offset: float | None = None  # of the wall clock
         self.last_stop = ''
         for each in written:
@@ -57,7 +59,9 @@ class Witness:
         parameters: Mapping[str, Mapping[str, str]],
     ) -> None:
         """Take which nodes there are, and what they have answered."""
-        self._topics = topics_of(nodes, muxes)
+        self._facts_in = topics_of(nodes, muxes)
+        of_nodes = (f'{node}/{name}' for node in nodes for name in _OF_NODES)
+        self._heard = self._facts_in.union(of_nodes, (f'{mux}/state' for mux in muxes))
         self._stops.know(nodes, muxes)
         self.tried.know({mux: parameters.get(mux, {}) for mux in muxes})
         self._write(self._facts.of_nodes(nodes))
@@ -65,8 +69,10 @@ class Witness:
 
     def hear(self, topic: str, data: bytes, at: float) -> None:
         """Take a message."""
+        if topic not in self._heard:  # most are not
+            return
         node, _, name = topic.rpartition('/')
-        if topic in self._topics:
+        if topic in self._facts_in:
             message = self._read(_TYPES[name], data)
             self._write(self._facts.of(topic, message))
             if name == 'status':

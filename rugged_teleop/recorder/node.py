@@ -182,10 +182,13 @@ class Recorder(ManagedNode):
             if 'diagnostic_msgs/msg/DiagnosticStatus' in published.get(f'{full}/status', ()):
                 muxes.append(full)
             topics |= {topic: kinds[0] for topic, kinds in [*published.items(), *heard]}
-        self._nodes = Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
-        self.lane.post(self._triggers.know, self._nodes)
+        before, self._nodes = self._nodes, Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
+        if self._nodes != before:
+            self.lane.post(self._triggers.know, self._nodes)
+        known = self._asked.known
         self._asked.look(found, clock.now())
-        self.lane.post(self._witness.know, self._nodes.all, self._nodes.muxes, self._asked.known)
+        if self._nodes != before or self._asked.known is not known:
+            self.lane.post(self._witness.know, *self._nodes, self._asked.known)
         for topic, kind in topics.items():
             self._listen(topic, kind)
 

@@ -176,7 +176,7 @@ def test_stop_works_when_it_was_pressed_and_released(said: list[str], works: boo
         'estop.fort.topic': '"fort/estop"',
         'estop.drive.topic': '"/esi_drive_bridge/estop"',
     }
-    bench.witness.know(NODES, (MUX,), {MUX: sources})
+    bench.witness.know(('/fort', *NODES), (MUX,), {MUX: sources})
     found = []
     for at, word in enumerate(said):
         values = [
