@@ -49,7 +49,7 @@ class Subscriptions:
         self._proven: list[tuple[ProvenNode, Any]] = []  # with the publisher of challenges to it
 
     def listen(self, intake: Intake) -> None:
-        """Listen for an intake, and no more for the one before; its publishers stay known."""
+        """Listen for an intake, no more for the one before; who publishes and proves is known."""
         for subscription in self._subscriptions:
             self._node.lane.unsubscribe(subscription)
         for _, challenges in self._proven:
@@ -61,7 +61,11 @@ class Subscriptions:
         for each in intake.topics():
             topic = self._node.resolve_topic_name(self._node.values[each.parameter])
             self._subscribe(each, before.get(topic) or PublisherWatch())
+        readers = {node.name: node for node, _ in self._proven}
         nodes = proven_nodes(intake.arbiter, self._node.values, self._node.resolve_topic_name)
+        for node in nodes:
+            if node.name in readers:
+                node.continue_from(readers[node.name], clock.now())
         self._proven = [(node, self._subscribe_proofs(node)) for node in nodes]
         watches = self._watches.items()
         self.joys = {name: topic for topic, (kind, name, _) in watches if kind == 'operator'}

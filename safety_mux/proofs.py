@@ -72,6 +72,13 @@ class ProvenNode:
         self._creeps = False
         self._worst: dict[tuple[Kind, str], WorstAge] = {}
 
+    def continue_from(self, before: ProvenNode, now: float) -> None:
+        """Go on as reader of the node; who proved its words has to prove them again."""
+        self.reader, self._vouched = before.reader, before._vouched
+        if self.reader.writer is not None:
+            for each in self.inputs:
+                self._arbiter.input_of(*each).prove(-math.inf, now)
+
     def challenge(self, now: float) -> bytes:
         """Return what to ask now, once each PERIOD."""
         self._look(now)

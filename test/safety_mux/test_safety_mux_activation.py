@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64
 
 from bridge_core import clock
+from bridge_core.proof import Writer
 from safety_mux.outputs import GatedJoy
 from safety_mux.protocol import State
 from stage.fed_mux import StepMux, SteppedMux
@@ -270,6 +271,28 @@ def test_two_publishers_outlast_other_parameters(
     mux.look_around()
     mux.run(4.0)
     assert 'two live publishers' in mux.message()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'needed'),
+    [
+        ({}, True),
+        ({'hold_time': 0.6}, True),
+        ({'estop.fort.proof': 'none', 'operator.fort.proof': 'none'}, False),
+    ],
+)
+def test_node_that_proved_its_words_has_to_prove_them_after_an_activation(
+    mux: WatchedMux, changes: dict[str, Any], needed: bool
+) -> None:
+    inputs = mux.mux._inputs
+    (node,) = (each for each, _ in inputs._proven if each.name.endswith('fort_vsc_bridge'))
+    node.hear(Writer(7).proof(mux.now), mux.now)
+    for _ in range(2):
+        assert mux.change(**changes)
+        changes = {name: value + 0.1 for name, value in changes.items() if name == 'hold_time'}
+    mux.run(2.0)
+    assert mux.reset().ok is not needed
+    assert ('its node proves no age' in mux.message()) is needed
 
 
 def test_trip_outlasts_other_parameters(mux: WatchedMux) -> None:
