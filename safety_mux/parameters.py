@@ -26,7 +26,7 @@ from bridge_core.share import shared
 from safety_mux.parameters_of_each import ESTOP, JOINT, OPERATOR, seconds, SPEED_LIMIT
 
 # Their defaults are of a wheel, in rad/s: in another unit they would be other motion.
-_OF_WHEELS = re.compile(r'joint\.\w+\.(max|acceleration|deceleration)|operator\.\w+\.scale')
+_OF_WHEELS = re.compile(r'joint\..+\.(max|acceleration|deceleration)|operator\..+\.scale')
 _GEOMETRY = re.compile(r'autonomy\.wheel_(separation|radius)')
 _DECIDES = ('interface', 'output', 'autonomy.topic', 'autonomy.type')  # whether they count
 
