@@ -20,6 +20,7 @@ _T = TypeVar('_T')
 _DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}
 _BUTTON = re.compile(r'([A-Za-z][A-Za-z0-9_]*)=([0-9]{1,3})')
 MOST_BUTTONS = 255  # the greatest index
+_REST_TIME = 0.01  # s, at most, from one decision to the next at rest, beside the period
 _TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
@@ -153,6 +154,12 @@ def operator_buttons(values: Mapping[str, Any], operator: str) -> dict[str, int]
     return found
 
 
+def rest_period(values: Mapping[str, Any]) -> float:
+    """Return the seconds between two decisions at rest, where heartbeats alone are due."""
+    period: float = 1.0 / values['rate']
+    return max(period, min(period + _REST_TIME, 2.0 * period, 1.0 / values['heartbeat_rate']))
+
+
 def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     """
     Refuse contradictory values.
@@ -182,8 +189,11 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     sideways = values['output'] != 'joints' and len(values['joints']) == 3
     if values['autonomy.topic'] and twist and len(values['joints']) != 2 and not sideways:
         raise ParameterError('parameter autonomy.type: Twist needs two joints, left and right')
-    if 1.0 / values['rate'] >= values['stall_limit']:
-        raise ParameterError('parameter stall_limit: must be longer than the period of rate')
+    if rest_period(values) >= values['stall_limit']:
+        raise ParameterError(
+            f'parameter stall_limit: must be longer than {rest_period(values):.3g} s, which at '
+            'rest is from one decision to the next'
+        )
     for name in ('clear_time', 'neutral_time'):
         if values[name] < 3.0 / values['rate']:
             raise ParameterError(f'parameter {name}: must be three periods of rate or more')

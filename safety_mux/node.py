@@ -33,7 +33,7 @@ from bridge_core.runner import run
 from bridge_core.session import Verdict
 from bridge_core.watchdog import FROZEN
 from safety_mux.commissioned import tried
-from safety_mux.configuration import check, joy_mapping, operator_buttons
+from safety_mux.configuration import check, joy_mapping, operator_buttons, rest_period
 from safety_mux.intake import Intake
 from safety_mux.listening import ButtonTopic, listeners_of, OwnOutputs, Subscriptions
 from safety_mux.outputs import command_of, GatedButton, GatedJoy, Repeated
@@ -53,7 +53,6 @@ _LOOK_AROUND_PERIOD = 0.5
 _DIAGNOSTICS_PERIOD = 1.0
 _LOG_PERIOD = 1.0
 _PROOFS_APART = 0.02  # s
-_REST_TIME = 0.01  # s, at most, from one decision to the next at rest, beside the period
 _INACTIVE = Coded('mux.inactive', 'the mux is not active: activate the node')
 
 
@@ -110,8 +109,7 @@ class SafetyMux(ManagedNode):
                 refuse=self._refuse_reset,
             )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        period = 1.0 / rate
-        self.lane.every(period, self._tick, rest=period + min(period, _REST_TIME))
+        self.lane.every(1.0 / rate, self._tick, rest=rest_period(self.values))
         self.lane.every(_LOOK_AROUND_PERIOD, self._look_around)
         self.lane.every(PERIOD, self._inputs.challenge)
         self.lane.every(1.0 / self.values['status_rate'], self._publish_status)

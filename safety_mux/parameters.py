@@ -125,7 +125,7 @@ GENERAL = (
         'stall_limit',
         0.1,
         'After a longer gap between two decisions the mux stops and forgets what it heard. Longer '
-        'than one period of rate.',
+        'than a period of rate and 10 ms.',
         minimum=0.02,
         maximum=1.0,
     ),

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64
 
 from bridge_core.parameters import MANAGED_PARAMETERS, ParameterError, resolve
-from safety_mux.configuration import joint_limits
+from safety_mux.configuration import joint_limits, rest_period
 from safety_mux.intake import Intake
 from safety_mux.parameters import parameter_table
 from safety_mux.protocol import OperatorSample, State
@@ -216,6 +216,17 @@ def test_reset_trusts_the_positions_and_no_other_change_does() -> None:
     ):
         fed.decided(state)
         assert len(trusted) == times
+
+
+@pytest.mark.parametrize(
+    ('rate', 'heartbeat_rate', 'period'),
+    [(100.0, 33.0, 0.02), (50.0, 20.0, 0.03), (50.0, 50.0, 0.02), (20.0, 33.0, 0.05)],
+)
+def test_decisions_are_rarer_at_rest_and_no_rarer_than_heartbeats(
+    rate: float, heartbeat_rate: float, period: float
+) -> None:
+    values = {'rate': rate, 'heartbeat_rate': heartbeat_rate}
+    assert rest_period(values) == pytest.approx(period)
 
 
 @pytest.mark.parametrize(('interface', 'together'), [('velocity', True), ('effort', False)])
