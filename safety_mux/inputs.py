@@ -34,10 +34,7 @@ class Input:
     """
 
     KIND = 'input'
-
-    __slots__ = (
-        *('age', 'age_limit', 'device_words', 'faults', 'label', 'lapse', 'name', 'watchdog'),
-    )
+    WAS_STALE = 'stale'  # ends the code of a silence that is over
 
     def __init__(
         self,
@@ -153,7 +150,7 @@ class Input:
     def _arrive(self, now: float) -> None:
         if self.watchdog.heard and self.watchdog.expired(now):
             text = f'{self.label} was stale: {self.watchdog.describe(now)}'
-            self._break(self._coded('was_stale', text))
+            self._break(self._coded(self.WAS_STALE, text))
         self.watchdog.feed(now)
 
     def _old(self, verb: str, now: float) -> Coded:
@@ -176,8 +173,7 @@ class SourceInput(Input):
     """An e-stop source: its stop, and the part of it that it demands by itself."""
 
     KIND = 'source'
-
-    __slots__ = ('config', 'own', 'own_lapse', 'own_watchdog', 'value')
+    WAS_STALE = 'was_stale'
 
     def __init__(self, config: EStopSource) -> None:
         super().__init__(

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from bridge_core.reasons import Coded
 from safety_mux.arbiter import Arbiter
 from safety_mux.button import Presses
 from safety_mux.configuration import joint_limits, joy_mapping, mux_config, soft_ends
@@ -154,7 +155,8 @@ class Intake:
     def _joy(self, name: str, message: Any, now: float) -> bool:
         stamp, watch = message.header.stamp, self.stamps[name]
         watch.hear_stamp((stamp.sec, stamp.nanosec), now)
-        self.arbiter.set_invalid('operator', name, 'stamps', watch.fault)
+        fault = watch.fault and Coded('mux.operator.same_stamp', watch.fault, operator=name)
+        self.arbiter.set_invalid('operator', name, 'stamps', fault)
         try:
             sample = self.mappings[name].sample(message.axes, message.buttons)
         except MalformedInput as error:

@@ -26,8 +26,10 @@ import re
 
 import pytest
 
+from bridge_core import shared_reasons
 from bridge_core.reasons import Coded
 from safety_mux.protocol import Decision, Kind, OperatorSample, Reply, State
+from safety_mux.reasons import REASONS
 from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 from stage.safety_mux_bench import BACK, Bench, DRIVE, HALF, HELD, OFF, REST
 
@@ -83,7 +85,8 @@ EXPECTATIONS = (
     *('is', 'at', 'says', 'lists', 'first', 'reason', 'reply', 'asked', 'follows'),
     *('finds', 'causes', 'slowed', 'clear', 'drives', 'tripped'),
 )
-WHY = 'a test'  # of everything that is made invalid
+WHY = Coded('input.doubled', 'a test')  # of everything that is made invalid
+CODES = REASONS.keys() | shared_reasons.REASONS.keys()
 
 
 def expanded(story: str) -> Iterator[str]:
@@ -167,6 +170,17 @@ class Story(Bench):
                 steep = value == 0.0 or self.decision.state is State.STOPPING
                 assert steep or abs(value - was) <= RATE * self.step + 1e-9, 'a step'
         return self.decision
+
+    def tick(self) -> Decision:
+        super().tick()
+        reasons = {stop.reason for stop in self.arbiter.stops}
+        assert {reason.code for reason in reasons} <= CODES, f'no code of the catalogue: {reasons}'
+        return self.decision
+
+    def why(self) -> str:
+        reasons = self.arbiter.status(self.now).inhibits
+        assert {reason.code for reason in reasons} <= CODES, f'no code of the catalogue: {reasons}'
+        return super().why()
 
     def take_step(self, step: str) -> None:
         """Do what a step says; :raises AssertionError: it is not as expected."""

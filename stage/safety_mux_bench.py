@@ -71,7 +71,7 @@ class Bench:
             if self.now >= self.next_message:
                 self.send()
                 self.next_message = self.now + EVERY - self.step / 2
-            self.decision = self.arbiter.tick(self.now)
+            self.tick()
             if check is not None:
                 check(self.decision)
         return self.decision

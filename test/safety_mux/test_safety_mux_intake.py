@@ -202,6 +202,10 @@ def test_stamp_that_stands_still_makes_an_operator_invalid_where_it_must_move() 
     faults = [fed.take('operator.fort.topic', joy, now)[1][0][-1] for now in (3.0, 3.2, 60.0)]
     assert faults[0] is None
     assert 'the same' in faults[-1]
+    assert (faults[-1].code, faults[-1].fields) == (
+        'mux.operator.same_stamp',
+        {'operator': 'fort'},
+    )
     joy.header.stamp.nanosec = 6
     assert fed.take('operator.fort.topic', joy, 60.1)[1][0][-1] is None
 
