@@ -161,6 +161,7 @@ class MuxWords:
     def forget(self) -> None:
         """Forget what it said; how old it is at most is not forgotten."""
         self._stop, self._enable, self._stamp = True, False, None
+        self._command_age.reset()
 
     def _judge_command(self, now: float) -> None:
         if self._stamp is not None:

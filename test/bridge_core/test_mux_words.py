@@ -275,6 +275,15 @@ def test_what_is_forgotten_a_proof_has_to_say_anew() -> None:
     assert rig.say('0.1').counts == {'estop': False, 'enable': True}
 
 
+def test_command_after_one_that_is_forgotten_was_never_too_old() -> None:
+    rig = Rig().say(*PROVEN)
+    for _ in range(2):
+        rig.words.hear_command(round(rig.now * 1e9), rig.now)
+        assert rig.stops == ''
+        rig.words.forget()
+        rig.say('1.5')
+
+
 def test_challenges_go_each_period_with_the_worst_age_of_lately() -> None:
     rig = Rig().say('late by 0.1', *PROVEN, '1.0', 'late by 0.0', '0.2')
     asked = [rig.words.ask(rig.now + n * PERIOD) for n in range(60)]
