@@ -11,13 +11,12 @@ from typing import Any, TypeVar
 from bridge_core.parameters import names_of, ParameterError
 from safety_mux.limits import JointLimit
 from safety_mux.mapping import JoyMapping, Stick
-from safety_mux.parameters import DEFAULTS, enabled_topic, GENERAL, telling_drives
+from safety_mux.parameters import DEFAULTS, enabled_topic, parameter_table, telling_drives
 from safety_mux.proofs import ENDINGS, provable
 from safety_mux.settings import Autonomy, EStopSource, Feedback, MuxConfig, Operator, SpeedLimit
 from safety_mux.soft_ends import SoftEnds
 
 _T = TypeVar('_T')
-_DEFAULTS = {parameter.name: parameter.default for parameter in GENERAL}
 _BUTTON = re.compile(r'([A-Za-z][A-Za-z0-9_]*)=([0-9]{1,3})')
 MOST_BUTTONS = 255  # the greatest index
 _REST_TIME = 0.01  # s, at most, from one decision to the next at rest, beside the period
@@ -261,8 +260,15 @@ def _check_unused(values: Mapping[str, Any]) -> None:
     for name in names_of(values, 'estop_sources'):
         owned = values[f'estop.{name}.counts'] == 'when_owner'
         users[f'estop.{name}.operator'] = (owned, 'counts when_owner needs it')
+    proofs: dict[str, bool] = {}  # by the limit of their age, whether any are heard
+    for each in provable(values):
+        heard = values[each.policy] != 'none' and values[each.topic].endswith(ENDINGS[each.kind])
+        limit = f'{each.policy.removesuffix("proof")}age_limit'
+        proofs[limit] = proofs.get(limit, False) or heard
+    users |= {name: (heard, 'proofs of its node need it') for name, heard in proofs.items()}
+    defaults = {each.name: each.default for each in parameter_table(values)}
     for name, (used, user) in users.items():
-        if not used and values[name] != _DEFAULTS.get(name, ''):
+        if not used and values[name] != defaults[name]:
             raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 
