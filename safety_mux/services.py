@@ -43,6 +43,7 @@ class Services:
         self._node = node
         self._reset, self._trip, self._end_trip, self._select = reset, trip, end_trip, select
         self.freeze = FreezeWatch(_FREEZE, _SETTLING_TIME)  # of the executor's thread
+        self.look()  # until the first of its looks, requests wait as in a freeze
         node.create_timer(LOOK_PERIOD, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, '~/reset', self.on_reset)
         node.create_service(Trigger, '~/trip', self.on_trip)

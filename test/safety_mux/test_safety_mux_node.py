@@ -464,6 +464,10 @@ def test_what_is_asked_right_after_a_hang_of_the_services_is_not_done_but_a_stop
     assert stepped.run(0.02) is State.STOPPED
 
 
+def test_reset_that_was_asked_for_before_the_services_run_is_not_done(step_mux: StepMux) -> None:
+    assert 'frozen' in reset_of(step_mux().mux)
+
+
 @pytest.mark.parametrize('hang', [4.5, 6.5])
 def test_script_that_resets_for_ever_does_not_rearm_after_a_hang_of_the_services(
     step_mux: StepMux, hang: float
