@@ -66,7 +66,7 @@ def _compared(values: Mapping[str, Any], node: str) -> Tried:
         return _no_report(values, str(error.strerror))
     except KeyError as error:
         return _no_report(values, f'it has no {error}')
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         return _no_report(values, str(error))
     return Tried(words, f'not validated: {"; ".join(problems)}' if problems else '')
 

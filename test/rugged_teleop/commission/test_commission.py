@@ -457,6 +457,7 @@ def test_mux_with_what_was_tried_says_when_and_by_whom(machine: Machine, written
         ('{', 'is no report: Expecting property name'),
         ('[]', 'is no report: list indices'),
         ('{}', "is no report: it has no 'date'"),
+        ('[' * 100_000, 'is no report: maximum recursion depth'),
     ],
 )
 def test_trial_that_does_not_count_is_named(
