@@ -43,30 +43,19 @@ class ProofTopics:
         self._challenges = Polled(node)
         self._challenges.subscribe(UInt8MultiArray, '~/challenge', self._asked.append, PROOF_QOS)
 
-    def say(self, verdict: Verdict, now: float, *, enable: bool | None = None) -> None:
+    def say(self, verdict: Verdict | None, now: float, *, enable: bool | None = None) -> None:
         """
         Note what holds from now on. A stop, and another ``enable``, is proven at once.
 
-        :param enable: None: as before.
+        :param verdict: None: as before, as of ``enable``.
         """
         with self._lock:
-            self._verdict = verdict
-            is_urgent = self._say(self._enable if enable is None else enable)
+            self._verdict = verdict or self._verdict
+            self._enable = self._enable if enable is None else enable
+            estop, own_estop = self._verdict.estop, self._verdict.own_estop
+            is_urgent = self._writer.say(estop=estop, own_estop=own_estop, enable=self._enable)
         if is_urgent:
             self._publish(now)
-
-    def say_enabled(self, value: bool, now: float) -> None:
-        """Note whether the device says that it is enabled; a change is proven at once."""
-        with self._lock:
-            is_urgent = self._say(value)
-        if is_urgent:
-            self._publish(now)
-
-    def _say(self, enable: bool) -> bool:
-        self._enable, verdict = enable, self._verdict
-        return self._writer.say(
-            estop=verdict.estop, own_estop=verdict.own_estop, enable=self._enable
-        )
 
     def goes_by(self, age: float) -> None:
         """Note how old at most is what this node goes by, s; infinite: unknown."""

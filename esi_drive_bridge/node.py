@@ -117,7 +117,7 @@ class EsiDriveBridge(BridgeNode[Event]):
             enabled.publish(Bool(data=value))
         is_enabled = all(self._is_enabled)
         self._enabled.publish(Bool(data=is_enabled))
-        self._stops.proofs.say_enabled(is_enabled, clock.now())
+        self._stops.proofs.say(None, clock.now(), enable=is_enabled)
 
     def forget_device(self) -> None:
         """Publish that the drive is not enabled; a new wire reports to whoever listens or not."""
