@@ -244,8 +244,6 @@ class MuxWords:
 class _Bound(Watchdog):
     """The age of something, and whether it was too old not long ago."""
 
-    __slots__ = ('_old_at', 'hold')
-
     def __init__(self, timeout: float) -> None:
         super().__init__(timeout)
         self._old_at = -math.inf  # when it was known to be too old last

@@ -19,8 +19,6 @@ class Watchdog:
     :param timeout: seconds, above 0 and finite. :raises ValueError: for any other value.
     """
 
-    __slots__ = ('_last', 'timeout')
-
     def __init__(self, timeout: float) -> None:
         if not (math.isfinite(timeout) and timeout > 0.0):
             raise ValueError(f'a timeout must be above 0 s and finite, not {timeout}')
@@ -75,8 +73,6 @@ class RateWatch:
 
     HOLD = 3.0  # s
 
-    __slots__ = ('_arrivals', 'until')
-
     def __init__(self, rate: float) -> None:
         self._arrivals: deque[float] = deque(maxlen=math.floor(1.5 * rate) + 1)
         self.until = -math.inf  # two senders count as such until then
@@ -101,8 +97,6 @@ class FreezeWatch:
     :param limit: seconds between two looks; more is a freeze.
     :param settling_time: seconds after a freeze until all that waited has come in.
     """
-
-    __slots__ = ('_limit', '_looked_at', '_settled_at', '_settling_time')
 
     def __init__(self, limit: float, settling_time: float) -> None:
         self._limit = limit

@@ -20,6 +20,9 @@ _T = TypeVar('_T')
 _BUTTON = re.compile(r'([A-Za-z][A-Za-z0-9_]*)=([0-9]{1,3})')
 MOST_BUTTONS = 255  # the greatest index
 _REST_TIME = 0.01  # s, at most, from one decision to the next at rest, beside the period
+_OF_SOURCE = ('timeout', 'counts', 'stop_category', 'proof', 'age_limit')
+_OF_OPERATOR = ('priority', 'timeout', 'proof', 'age_limit')
+_OF_FEEDBACK = ('timeout', 'standstill', 'overspeed_tolerance', 'overspeed_time')
 _TIMES = ('clear_time', 'neutral_time', 'hold_time', 'stall_limit', 'stop_time', 'reset_silence')
 
 
@@ -31,13 +34,7 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
             joints=len(values['joints']),
             sources=tuple(_source(values, name) for name in names_of(values, 'estop_sources')),
             operators=tuple(
-                Operator(
-                    name,
-                    priority=values[f'operator.{name}.priority'],
-                    timeout=values[f'operator.{name}.timeout'],
-                    proof=values[f'operator.{name}.proof'],
-                    age_limit=values[f'operator.{name}.age_limit'],
-                )
+                Operator(name, **_of(values, f'operator.{name}', *_OF_OPERATOR))
                 for name in names_of(values, 'operators')
             ),
             autonomy=Autonomy(values['autonomy.timeout']) if values['autonomy.topic'] else None,
@@ -46,18 +43,20 @@ def mux_config(values: Mapping[str, Any]) -> MuxConfig:
             drive_timeout=values['drive_enabled_timeout'],
             drive_proof=values['drive_enabled_proof'],
             drive_age_limit=values['drive_enabled_age_limit'],
-            feedback=_feedback(values) if values['feedback.topic'] else None,
+            feedback=Feedback(tuple(values['joints']), **_of(values, 'feedback', *_OF_FEEDBACK))
+            if values['feedback.topic']
+            else None,
             speed_limits=tuple(
-                SpeedLimit(
-                    name,
-                    timeout=values[f'speed_limit.{name}.timeout'],
-                    lowest=values[f'speed_limit.{name}.lowest'],
-                )
+                SpeedLimit(name, **_of(values, f'speed_limit.{name}', 'timeout', 'lowest'))
                 for name in names_of(values, 'speed_limits')
             ),
             **{name: values[name] for name in _TIMES},
         ),
     )
+
+
+def _of(values: Mapping[str, Any], prefix: str, *names: str) -> dict[str, Any]:
+    return {name: values[f'{prefix}.{name}'] for name in names}
 
 
 def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
@@ -97,22 +96,15 @@ def joy_mapping(values: Mapping[str, Any], operator: str) -> JoyMapping:
 
 
 def joint_limits(values: Mapping[str, Any]) -> list[JointLimit]:
-    """Return the limits of each joint, in order. :raises ParameterError: one is not above 0."""
-
-    def build() -> list[JointLimit]:
-        return [
-            JointLimit(
-                magnitude=values[f'joint.{name}.max'],
-                acceleration=values[f'joint.{name}.acceleration'],
-                deceleration=values[f'joint.{name}.deceleration'],
-                group=values[f'joint.{name}.group'],
-                jerk=values[f'joint.{name}.jerk'],
-                together=values['interface'] == 'velocity',
-            )
-            for name in values['joints']
-        ]
-
-    return _built('joint.*', build)
+    """Return the limits of each joint, in order."""
+    return [
+        JointLimit(
+            magnitude=values[f'joint.{name}.max'],
+            together=values['interface'] == 'velocity',
+            **_of(values, f'joint.{name}', 'acceleration', 'deceleration', 'group', 'jerk'),
+        )
+        for name in values['joints']
+    ]
 
 
 def soft_ends(values: Mapping[str, Any]) -> dict[int, SoftEnds]:
@@ -336,13 +328,9 @@ def _source(values: Mapping[str, Any], name: str) -> EStopSource:
     prefix = f'estop.{name}'
     return EStopSource(
         name,
-        timeout=values[f'{prefix}.timeout'],
-        counts=values[f'{prefix}.counts'],
         operator=values[f'{prefix}.operator'] or None,
-        stop_category=values[f'{prefix}.stop_category'],
         own_topic=bool(values[f'{prefix}.own_topic']),
-        proof=values[f'{prefix}.proof'],
-        age_limit=values[f'{prefix}.age_limit'],
+        **_of(values, prefix, *_OF_SOURCE),
     )
 
 
@@ -351,12 +339,6 @@ def _drives(values: Mapping[str, Any]) -> tuple[str, ...]:
     if len(found) > 1 and '' in found:
         raise ValueError(f"drive_enabled_topic must be '', as {enabled_topic(found[1])} is given")
     return found
-
-
-def _feedback(values: Mapping[str, Any]) -> Feedback:
-    names = ('timeout', 'standstill', 'overspeed_tolerance', 'overspeed_time')
-    given = {name: values[f'feedback.{name}'] for name in names}
-    return Feedback(tuple(values['joints']), **given)
 
 
 def _built(what: str, build: Callable[[], _T]) -> _T:

@@ -28,11 +28,6 @@ class FeedbackInput(Input):
 
     KIND = 'feedback'
 
-    __slots__ = (
-        *('_at_zero', '_fast_since', '_told_at', '_unknown'),
-        *('config', 'fault', 'speeds', 'stop_time'),
-    )
-
     def __init__(self, config: Feedback, stop_time: float, *, age_limit: float = math.inf) -> None:
         super().__init__('the feedback', config.timeout, age_limit=age_limit)
         self.config = config

@@ -261,8 +261,6 @@ class DriveInput(Input):
 
     KIND = 'drive'
 
-    __slots__ = ('_is_expected', 'known', 'value')
-
     def __init__(self, name: str, config: MuxConfig) -> None:
         required = config.drive_proof == 'required'
         super().__init__(
@@ -310,8 +308,6 @@ class SpeedLimitInput(Input):
     """A speed limit of the moment."""
 
     KIND = 'limit'
-
-    __slots__ = ('lowest', 'value')
 
     def __init__(self, config: SpeedLimit) -> None:
         super().__init__(f"speed limit '{config.name}'", config.timeout, name=config.name)

@@ -20,16 +20,14 @@ class JointLimit:
     """
     The limits of one joint, in its own unit (such as rad/s) and that unit per second.
 
-    :param magnitude: greatest absolute value. Above 0.
-    :param acceleration: greatest change per second away from zero. Above 0.
-    :param deceleration: greatest change per second towards zero. Above 0.
+    It accelerates away from zero and decelerates towards zero.
+
     :param group: joints of one group keep their proportion where one would exceed its magnitude,
         and while they grow.
     :param jerk: greatest change per second of the acceleration, which rises from 0 and is 0 again
         when the target is reached. 0: none. The way towards zero is as without it.
     :param together: whether it grows in proportion to its group. Not for a torque, of which growth
         may brake.
-    :raises ValueError: for a value that is not finite or not above 0; a jerk below 0.
     """
 
     magnitude: float
@@ -38,14 +36,6 @@ class JointLimit:
     group: str = ''
     jerk: float = 0.0
     together: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ('magnitude', 'acceleration', 'deceleration'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f'{name} must be above 0 and finite, not {value}')
-        if not (math.isfinite(self.jerk) and self.jerk >= 0.0):
-            raise ValueError(f'jerk must be 0 or more and finite, not {self.jerk}')
 
 
 class JointLimiter:
@@ -58,28 +48,12 @@ class JointLimiter:
     its own deceleration and waits for no other. A change of sign stops at zero for the rest of
     that step. A target that is not finite counts as zero.
 
+    :param limits: of one joint or more.
     :param max_dt: seconds, the longest step: after a late one the output continues from its last
         value and does not jump to make up for the time.
-    :raises ValueError: there is no joint, or max_dt is not above 0 and finite.
     """
 
-    __slots__ = (
-        '_accelerations',
-        '_eased',
-        '_limits',
-        '_magnitudes',
-        '_max_dt',
-        '_ramp',
-        '_rates',
-        '_together',
-        '_values',
-    )
-
     def __init__(self, limits: Sequence[JointLimit], *, max_dt: float = 0.1) -> None:
-        if not limits:
-            raise ValueError('there must be a limit for one joint or more')
-        if not (math.isfinite(max_dt) and max_dt > 0.0):
-            raise ValueError(f'max_dt must be above 0 s and finite, not {max_dt}')
         self._limits = tuple(limits)
         self._magnitudes = tuple(limit.magnitude for limit in limits)
         self._eased = any(limit.jerk for limit in limits)

@@ -346,13 +346,10 @@ class SafetyMux(ManagedNode):
         self._state.say(decision.state.value, now)
         if (decision.state, decision.owner) != (self._last_state, self._last_owner):
             if State.ACTIVE is decision.state is not self._last_state:
-                self._inputs.device_words.forget(
-                    'drive'
-                )  # it was not asked to enable when it said that
+                # It was not asked to enable when it said that.
+                self._inputs.device_words.forget('drive')
             self._last_state, self._last_owner = decision.state, decision.owner
-            self.get_logger().info(
-                f'{decision.state.value}: {self._arbiter.status(now).last_transition.reason}'
-            )
+            self.get_logger().info(f'{decision.state.value}: {self._arbiter.transition.reason}')
             self._causes = {stop.cause for stop in self._arbiter.stops}
             self._publish_status(now)
         elif decision.state is State.STOPPED:

@@ -21,8 +21,6 @@ class Run:
     :param gap: seconds. A sample that comes so long after the last one begins another sequence.
     """
 
-    __slots__ = ('gap', 'since', 'until')
-
     def __init__(self, gap: float) -> None:
         self.gap = gap
         self.since: float | None = None
@@ -46,8 +44,6 @@ class Run:
 
 class OwnerInput(Input):
     """An input that can have control: an operator, or autonomy."""
-
-    __slots__ = ('demand', 'neutral_time', 'rest')
 
     def __init__(
         self, name: str, label: str, timeout: float, neutral_time: float, **options: Any
@@ -97,8 +93,6 @@ class OperatorInput(OwnerInput):
     """
 
     KIND = 'operator'
-
-    __slots__ = ('acted', 'holding', 'newest', 'pressed')
 
     def __init__(self, config: Operator, neutral_time: float) -> None:
         label = f"operator '{config.name}'"
@@ -204,8 +198,6 @@ class AutonomyInput(OwnerInput):
     """The autonomy source. Its neutral is a command of exactly zero."""
 
     KIND = 'autonomy'
-
-    __slots__ = ('selected',)
 
     def __init__(self, config: Autonomy, neutral_time: float) -> None:
         super().__init__(AUTONOMY, AUTONOMY, config.timeout, neutral_time)

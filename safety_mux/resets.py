@@ -17,8 +17,6 @@ class ResetCalls:
     ``reset_silence``.
     """
 
-    __slots__ = ('_config', 'go_on', 'last')
-
     def __init__(self, config: MuxConfig) -> None:
         self._config = config
         self.last: float | None = None
@@ -67,8 +65,6 @@ class Trip:
 
     ``since``: when it began; None: none is active. ``new``: its reason, until the next tick.
     """
-
-    __slots__ = ('_least', 'new', 'since')
 
     def __init__(self, config: MuxConfig) -> None:
         self._least = config.clear_time

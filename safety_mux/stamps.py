@@ -23,8 +23,6 @@ class StampWatch:
         warning, and one that is not set is not.
     """
 
-    __slots__ = ('_changed', '_newest', '_required', '_text')
-
     def __init__(self, timeout: float, *, required: bool) -> None:
         self._changed = Watchdog(timeout)
         self._required = required

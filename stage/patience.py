@@ -32,8 +32,6 @@ _mux_config = configuration.mux_config
 class PatientFreezeWatch(watchdog.FreezeWatch):
     """One that takes nothing for a freeze that a busy machine may do."""
 
-    __slots__ = ()
-
     def __init__(self, limit: float, settling_time: float) -> None:
         super().__init__(limit * TIMEOUT_FACTOR, settling_time)
 
