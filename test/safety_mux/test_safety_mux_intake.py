@@ -62,7 +62,6 @@ class Fed:
         self.heard: list[Any] = []
         table = (*MANAGED_PARAMETERS, *parameter_table(values))
         self.intake = Intake(resolve(table, values), 0.0, lambda *heard: self.heard.append(heard))
-        self.real = self.intake.arbiter
         self.arbiter = cast('Any', Arbiter())
         self.intake.arbiter = self.arbiter
         self.topics = {each.parameter: each for each in self.intake.topics()}
@@ -99,12 +98,6 @@ def test_one_drive_and_several_are_not_both_there() -> None:
 def test_what_is_not_configured_is_not_listened_to() -> None:
     kinds = {each.kind for each in Fed({}).topics.values()}
     assert kinds == {'e-stop source', 'drive', 'operator'}
-
-
-def test_operator_of_the_arbiter_is_the_one_of_the_parameters() -> None:
-    fed = Fed()
-    assert [operator.name for operator in fed.intake.config.operators] == ['fort']
-    assert fed.real.config is fed.intake.config
 
 
 def twist(speed: float, turn: float) -> Twist:

@@ -387,6 +387,24 @@ def test_lost_sticks_stop_once_they_are_missing_for_the_timeout(
     assert state is (State.ACTIVE if silence < LIMIT else State.STOPPED)
 
 
+def test_stamp_that_stays_the_same_is_a_warning_where_it_need_not_move(step_mux: StepMux) -> None:
+    mux = step_mux()
+    for second in (1, 2):
+        mux.joy.header.stamp = Time(sec=second)
+        mux.run(0.1)
+    assert 'warning 1' not in mux.values()
+    assert mux.reset().ok
+    assert mux.run(LIMIT + 0.1) is State.READY
+    warning = mux.values()['warning 1']
+    assert warning.startswith("operator 'fort' may be gone")
+    assert 'its stamp has been the same for' in warning
+    assert warning in mux.message()
+    assert mux.mux._status_message(mux.now).level == DiagnosticStatus.WARN
+    mux.joy.header.stamp = Time(sec=3)
+    mux.run(0.1)
+    assert 'warning 1' not in mux.values()
+
+
 @contextlib.contextmanager
 def hanging(mux: SafetyMux) -> Iterator[None]:
     """Have its lane hang meanwhile; who asks it for something is answered soon."""

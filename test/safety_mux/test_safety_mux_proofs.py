@@ -18,7 +18,7 @@ from safety_mux.configuration import check
 from safety_mux.inputs import DriveInput, SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.parameters import parameter_table
-from safety_mux.proofs import proven_nodes, SILENCE
+from safety_mux.proofs import proven_nodes
 from safety_mux.protocol import Age, OperatorSample, ProofReport, State
 from safety_mux.report import report_of, Surroundings
 from safety_mux.settings import Autonomy, EStopSource, MuxConfig, Operator
@@ -234,19 +234,6 @@ def test_two_nodes_of_one_name_are_a_stop_that_says_so() -> None:
     plant.run(0.5)
     assert 'two nodes named /fort' in plant.arbiter.reset(plant.now).message
     plant.run(TOGETHER_TIME)
-    plant.drive()
-
-
-def test_node_that_was_restarted_is_a_stop() -> None:
-    plant = Plant().drive()
-    plant.loses = {'proof', 'joy', 'estop'}
-    plant.run(0.1)
-    plant.now += SILENCE  # the mux stood still as well
-    plant.loses, plant.writer = set(), Writer(9)
-    plant.writer.say(estop=False, own_estop=False)
-    plant.run(0.1)
-    assert plant.state is State.STOPPED
-    plant.sample = REST
     plant.drive()
 
 

@@ -412,15 +412,6 @@ def test_a_stop_of_the_owner_reaches_the_chain_of_the_other() -> None:
     assert chains.parties[FORT].chain_open, 'it has to be acknowledged'
 
 
-def test_a_stop_of_the_owner_is_latched_although_the_neutral_joy_overtakes_it() -> None:
-    chains = started(counts='when_owner')
-    chains.delays[VM110, 'estop'] = chains.delays[VM110, 'own_estop'] = 1e-3
-    chains.drive(VM110)
-    chains.do('press vm110')
-    chains.run(0.5)
-    assert chains.decision.state is State.STOPPED
-
-
 def two_vscs(*, latch_bits: bool) -> Chains:
     """Return two VSCs that stop by themselves without our heartbeat (key 85)."""
     chains = Chains(two_vscs=True, latch_bits=latch_bits)

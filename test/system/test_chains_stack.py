@@ -87,33 +87,24 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DemoStage]:
         yield result
 
 
-def test_fort_pressed_first_opens_the_relays_and_a_reset_succeeds(stage: DemoStage) -> None:
-    stage.vsc.apply('estop remote on')
+@pytest.mark.parametrize('first', ['fort', 'vm110'])
+def test_stop_of_each_reaches_the_chain_of_the_other_and_a_reset_succeeds(
+    stage: DemoStage, first: str
+) -> None:
+    commands = {'fort': (stage.vsc, 'estop remote'), 'vm110': (stage.unit, 'stop 1')}
+    device, stop = commands.pop(first)
+    ((other, its_stop),) = commands.values()
+    device.apply(f'{stop} on')
     wait(stage, lambda: stage.mux_says('STOPPED'), 'STOPPED')
-    wait(stage, lambda: not relays_closed(stage), 'open relays')
-    stage.unit.apply('stop 1 on')
+    if first == 'fort':
+        wait(stage, lambda: not relays_closed(stage), 'open relays')
+        other.apply(f'{its_stop} on')
     wait(stage, lambda: asked(stage), 'a stop of VM-110 at the VSC')
-    release(stage, 'vm110')
-    recover(stage)
-
-
-def test_vm110_pressed_first_stops_the_vsc_and_a_reset_succeeds(stage: DemoStage) -> None:
-    stage.unit.apply('stop 1 on')
-    wait(stage, lambda: stage.mux_says('STOPPED'), 'STOPPED')
-    wait(stage, lambda: asked(stage), 'a stop of VM-110 at the VSC')
-    stage.vsc.apply('estop remote on')
-    release(stage, 'fort')
-    recover(stage)
-
-
-def release(stage: DemoStage, first: str) -> None:
-    """Release both; whoever is first tries to go on while the other still presses."""
-    releases: dict[str, Callable[[], float]] = {
-        'fort': lambda: stage.vsc.apply('estop remote off'),
-        'vm110': lambda: stage.unit.apply('stop 1 off'),
-    }
-    releases.pop(first)()
+    if first == 'vm110':
+        other.apply(f'{its_stop} on')
+    # Whoever is released first tries to go on while the other still presses.
+    other.apply(f'{its_stop} off')
     acknowledge_and_rearm(stage)
     assert not stage.reset().success
-    (release_last,) = releases.values()
-    release_last()
+    device.apply(f'{stop} off')
+    recover(stage)

@@ -142,23 +142,6 @@ def test_deadman_held_through_reset_refuses_it_and_moves_nothing(spine: Spine) -
     spine.wait(lambda: spine.mux_says('STOPPED'), 'STOPPED')
 
 
-def test_vsc_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
-    pids = {name: node.process.pid for name, node in spine.nodes.items()}
-    spine.moving()
-    cause = spine.vsc.apply('unplug')
-    told = first_true(spine, spine.vsc_estop, cause)
-    measured('VSC unplugged to ~/estop true', told)
-    assert told <= spine.allowed(TOLD)
-    measured('VSC unplugged to disable packet', spine.disabled_after(cause, TOLD))
-    back = spine.vsc.apply('plug')
-    spine.wait(lambda: any(not m.data for _, m in spine.vsc_estop.since(back)), 'recovered')
-    recovered = next(at for at, m in spine.vsc_estop.since(back) if not m.data) - back
-    measured('VSC plugged in to ~/estop false', recovered)
-    assert recovered <= spine.allowed(RECOVERED)
-    stays_stopped_until_restarted(spine, back)
-    assert pids == {name: node.process.pid for name, node in spine.nodes.items()}
-
-
 def test_heartbeat_silent_while_sticks_go_on_stops_within_link_timeout(spine: Spine) -> None:
     spine.moving()
     spine.vsc.enable_message(0x20, False)
@@ -207,34 +190,21 @@ def test_remote_leaves_operational_mid_motion_and_comes_back_held(spine: Spine, 
 
 
 @pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
-def test_mux_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
+@pytest.mark.parametrize('name', [MUX, VSC])
+def test_node_lost_mid_motion_disables_the_drive(spine: Spine, name: str, number: int) -> None:
     spine.moving()
     cause = time.monotonic()
-    spine.nodes[MUX].signal(number)
-    what = f'mux {"killed" if number == SIGKILL else "frozen"} to disable packet'
-    reaction = spine.disabled_after(cause, MUX_LOST)
-    measured(what, reaction)
+    spine.nodes[name].signal(number)
+    within = MUX_LOST if name == MUX else TOLD  # 250 ms after the last Joy
+    reaction = spine.disabled_after(cause, within)
+    how = 'killed' if number == SIGKILL else 'frozen'
+    measured(f'{name} {how} to disable packet', reaction)
     spine.holds_still(cause + reaction)
     if number == SIGSTOP:
-        spine.nodes[MUX].signal(SIGCONT)
+        spine.nodes[name].signal(SIGCONT)
     else:
-        assert spine.nodes[MUX].wait() == -SIGKILL
-        spine.restart_and_meet(MUX)
-    stays_stopped_until_restarted(spine, cause + reaction)
-
-
-@pytest.mark.parametrize('number', [SIGKILL, SIGSTOP], ids=['killed', 'frozen'])
-def test_vsc_bridge_lost_mid_motion_disables_the_drive(spine: Spine, number: int) -> None:
-    spine.moving()
-    cause = time.monotonic()
-    spine.nodes[VSC].signal(number)
-    what = f'VSC bridge {"killed" if number == SIGKILL else "frozen"} to disable packet'
-    reaction = spine.disabled_after(cause, TOLD)  # 250 ms after the last Joy
-    measured(what, reaction)
-    if number == SIGSTOP:
-        spine.nodes[VSC].signal(SIGCONT)
-    else:
-        spine.restart(VSC)
+        assert spine.nodes[name].wait() == -SIGKILL
+        spine.restart_and_meet(name)
     spine.wait(lambda: spine.is_clear(VSC), 'the VSC without a stop', 15.0)
     stays_stopped_until_restarted(spine, cause + reaction)
 
@@ -351,23 +321,31 @@ def test_drive_status_lost_mid_motion_disables_and_stops(spine: Spine) -> None:
     stays_stopped_until_restarted(spine, cause + reaction)
 
 
-def test_drive_unplugged_mid_motion_stops_and_recovers_but_does_not_move(spine: Spine) -> None:
+@pytest.mark.parametrize('name', [VSC, DRIVE])
+def test_device_unplugged_mid_motion_stops_and_recovers_but_does_not_move(
+    spine: Spine, name: str
+) -> None:
+    devices: dict[str, tuple[Any, Record]] = {
+        VSC: (spine.vsc, spine.vsc_estop),
+        DRIVE: (spine.drive, spine.drive_estop),
+    }
+    device, estop = devices[name]
+    pids = {name: node.process.pid for name, node in spine.nodes.items()}
     spine.moving()
-    pid = spine.nodes[DRIVE].process.pid
-    cause = spine.drive.apply('unplug')
-    told = first_true(spine, spine.drive_estop, cause)
-    measured('drive unplugged to ~/estop true', told)
-    assert told <= spine.allowed(TOLD)
-    stopped = first_true(spine, spine.mux_estop, cause)
-    measured("drive unplugged to the mux's ~/estop true", stopped)
-    assert stopped <= spine.allowed(TOLD)
-    back = spine.drive.apply('plug')
-    spine.wait(lambda: any(not m.data for _, m in spine.drive_estop.since(back)), 'recovered')
-    recovered = next(at for at, m in spine.drive_estop.since(back) if not m.data) - back
-    measured('drive plugged in to ~/estop false', recovered)
+    cause = device.apply('unplug')
+    for record in (estop, spine.mux_estop):
+        told = first_true(spine, record, cause)
+        measured(f'device of {name} unplugged to {record.topic} true', told)
+        assert told <= spine.allowed(TOLD)
+    if name == VSC:
+        measured('VSC unplugged to disable packet', spine.disabled_after(cause, TOLD))
+    back = device.apply('plug')
+    spine.wait(lambda: any(not m.data for _, m in estop.since(back)), 'recovered')
+    recovered = next(at for at, m in estop.since(back) if not m.data) - back
+    measured(f'device of {name} plugged in to {estop.topic} false', recovered)
     assert recovered <= spine.allowed(RECOVERED)
     stays_stopped_until_restarted(spine, back)
-    assert spine.nodes[DRIVE].process.pid == pid
+    assert pids == {name: node.process.pid for name, node in spine.nodes.items()}
 
 
 def test_noise_on_both_lines_loses_frames_and_stops_nothing(spine: Spine) -> None:
