@@ -87,7 +87,7 @@ BRIDGE = {
     # What the mux makes of its parameters.
     'configuration': ('{bridge}', 'bridge_core.parameters'),
     # From messages to the arbiter, for the node and for a replay.
-    'intake': ('{bridge}',),
+    'intake': ('{bridge}', 'bridge_core.reasons'),
     'proofs': (
         '{bridge}',
         *(f'bridge_core.{n}' for n in ('parameters', 'proof', 'reasons', 'watchdog')),
