@@ -55,8 +55,6 @@ from safety_mux.resets import ResetCalls
 from safety_mux.settings import MuxConfig
 from safety_mux.stops import Stops
 
-_TRIPPED = Coded('mux.trip.called', '~/trip was called')
-
 
 class Arbiter(Stops):
     """Decides the output from all inputs. Every start is STOPPED."""
@@ -92,9 +90,9 @@ class Arbiter(Stops):
 
     # -- services ----------------------------------------------------------------------------
 
-    def trip(self, now: float, reason: Coded = _TRIPPED) -> Reply:
+    def trip(self, now: float) -> Reply:
         """Latch STOPPED with the next tick; all devices are asked to stop, until it ends."""
-        self.trips.begin(now, reason)
+        self.trips.begin(now)
         return Reply(True, 'tripped: STOPPED until ~/reset')
 
     def end_trip(self, now: float) -> Reply:

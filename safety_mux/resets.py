@@ -71,9 +71,9 @@ class Trip:
         self.since: float | None = None
         self.new: Coded | None = None
 
-    def begin(self, now: float, reason: Coded) -> None:
+    def begin(self, now: float) -> None:
         """Begin, or begin again."""
-        self.since, self.new = now, reason
+        self.since, self.new = now, Coded('mux.trip.called', '~/trip was called')
 
     def may_end(self, now: float) -> bool:
         """Return whether one is active and has lasted for ``clear_time``."""
