@@ -147,8 +147,8 @@ def operator_buttons(values: Mapping[str, Any], operator: str) -> dict[str, int]
 
 def rest_period(values: Mapping[str, Any]) -> float:
     """Return the seconds between two decisions at rest, where heartbeats alone are due."""
-    period: float = 1.0 / values['rate']
-    return max(period, min(period + _REST_TIME, 2.0 * period, 1.0 / values['heartbeat_rate']))
+    period, heartbeat = (1.0 / float(values[name]) for name in ('rate', 'heartbeat_rate'))
+    return max(period, min(period + _REST_TIME, 2.0 * period, heartbeat))
 
 
 def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
