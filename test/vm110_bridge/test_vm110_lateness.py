@@ -9,7 +9,8 @@ import random
 import pytest
 
 from bridge_core.session import Level
-from stage.vm110_rig import armed, Bench, vrci
+from stage.vm110_rig import armed, Bench, CENTRED, of, opened, vrci
+from vm110_bridge.session import Command
 from vm110_bridge.session.lateness import Lateness, PERIOD
 
 LIMIT = 0.5
@@ -204,3 +205,26 @@ def test_base_unit_that_restarts_is_not_late() -> None:
     bench.serial = -1
     bench.run(2.0)
     assert not bench.session.estop
+@pytest.mark.parametrize('copies', [0, 1, 16])
+def test_slower_way_is_late_though_it_brings_copies_of_what_the_faster_has_brought(
+    copies: int,
+) -> None:
+    """The faster of two ways fails; copies come in the silence, and then what nobody has heard."""
+    bench = opened()
+    bench.serial = 1000
+    packets = [bench.packet('VRPI', CENTRED) for _ in range(80)]
+    for packet in packets:
+        bench.take(packet)
+        bench.wait(PERIOD)
+    bench.wait((16 - copies) * PERIOD)
+    for packet in packets[len(packets) - copies :]:
+        bench.take(packet)
+        bench.wait(PERIOD)
+    assert not bench.session.link_up
+    for _ in range(80):
+        bench.hear()
+        assert bench.session.own_estop
+        bench.wait(PERIOD)
+    assert 'look at the network' in bench.session.stop_reasons(bench.now)[0]
+
+

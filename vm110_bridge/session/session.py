@@ -41,7 +41,7 @@ from vm110_bridge.session.inbox import CommandInbox
 from vm110_bridge.session.lateness import Lateness
 from vm110_bridge.session.origin import MEMORY, Origin
 from vm110_bridge.session.outbox import CommandOutbox
-from vm110_bridge.session.serials import Arrival
+from vm110_bridge.session.serials import Arrival, WINDOW
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
 
@@ -221,8 +221,10 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._lateness.passed()
         elif arrival is Arrival.NEW:
             self._lateness.heard(packet.serial, now)
-        elif arrival is not Arrival.LATE and not self.link_up:
-            self._lateness.begin()  # a base unit that was restarted: its numbers may go on by luck
+        elif packet.serial < WINDOW and arrival is not Arrival.LATE and not self.link_up:
+            # A base unit that was restarted: its numbers may go on by luck. Greater ones are more
+            # likely copies that came a slower way, whose next packets are late.
+            self._lateness.begin()
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
         if arrival is Arrival.COPY:
