@@ -3,11 +3,13 @@
 
 """The VM-110's VRPO, and whose stop it is while they are withheld."""
 
+from collections.abc import Callable
 import itertools
 import struct
 
 import pytest
 
+from bridge_core.framing import Datagram
 from bridge_core.session import Level, RETRY
 from stage.vm110_rig import (
     ARMED,
@@ -180,6 +182,30 @@ def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
     assert len(bench.sent) == before
     assert bench.session.estop
     assert not bench.session.own_estop
+
+
+def from_elsewhere(bench: Bench) -> None:
+    bench.take(Datagram(bench.packet('VRPI', EXTERNAL), '192.0.2.2:5825'))
+
+
+def late(bench: Bench) -> None:
+    bench.wait(1.0)
+    bench.hear(EXTERNAL)
+
+
+@pytest.mark.parametrize('stop', [from_elsewhere, late])
+def test_stop_that_is_not_the_units_does_not_undo_a_hold(stop: Callable[[Bench], None]) -> None:
+    """Or a remote that is rearmed would close the relays while another device demands a stop."""
+    bench = armed(link_timeout=2.0)
+    bench.run(1.0)
+    hold(bench, 2.0)
+    hold(bench, 0.5, EXTERNAL)
+    assert not bench.session.own_estop
+    before = len(bench.sent)
+    stop(bench)
+    hold(bench, 0.5, EXTERNAL)
+    assert bench.session.own_estop
+    assert len(bench.sent) == before
 
 
 @pytest.mark.parametrize(

@@ -119,8 +119,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         it could perhaps not be rearmed. Two devices that are both stopped, each waiting for the
         other one's release, would wait for ever.
         """
-        open_by_itself = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
-        return self.hold_asked and not (open_by_itself and self.own_estop)
+        is_open = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
+        return self.hold_asked and not (is_open and self._stops.verdict().own_estop)
 
     def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken joysticks as errors, and warnings."""
