@@ -164,6 +164,20 @@ def test_late_base_unit_is_a_stop_of_its_own_with_numbers_and_half_of_it_a_warni
         bench.hear()  # what was held back
     bench.run(1.0)
     assert not bench.session.estop
+    late(bench, 1.25)
+    bench.wait(1.0)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert text.startswith("check the BU's power")  # whatever it was before
+
+
+def test_late_command_is_dropped_though_one_of_an_unarmed_remote_would_be_taken() -> None:
+    """The base unit has told its operator that it failed, 2 s after it was asked."""
+    bench = armed(accept_unarmed_commands=True)
+    bench.run(10.0)
+    late(bench, 4.0)
+    bench.hear(vrci(1), 'VRCI')
+    assert not of(Command, bench.events)
+    assert bench.session.dropped_commands == 1
 
 
 @pytest.mark.parametrize('limit', [0.0, 5.0])
@@ -196,15 +210,6 @@ def test_commands_of_the_remote_make_nothing_late_nor_hide_it() -> None:
     assert bench.session.estop
 
 
-def test_base_unit_that_restarts_is_not_late() -> None:
-    bench = armed()
-    bench.run(10.0)
-    late(bench, 4.0)
-    assert bench.session.estop
-    bench.wait(1.0)
-    bench.serial = -1
-    bench.run(2.0)
-    assert not bench.session.estop
 @pytest.mark.parametrize('copies', [0, 1, 16])
 def test_slower_way_is_late_though_it_brings_copies_of_what_the_faster_has_brought(
     copies: int,
@@ -228,3 +233,12 @@ def test_slower_way_is_late_though_it_brings_copies_of_what_the_faster_has_broug
     assert 'look at the network' in bench.session.stop_reasons(bench.now)[0]
 
 
+def test_base_unit_that_restarts_is_not_late() -> None:
+    bench = armed()
+    bench.run(10.0)
+    late(bench, 4.0)
+    assert bench.session.estop
+    bench.wait(1.0)
+    bench.serial = -1
+    bench.run(2.0)
+    assert not bench.session.estop

@@ -318,9 +318,10 @@ def test_devices_own_stop_is_no_echo_though_output_is_withheld(payload: bytes) -
 
 def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
     bench = armed()
-    bench.session.set_hold_output(True, bench.now)
-    assert 'end what ~/hold_output asks for' in bench.session.problems(bench.now)[0][1]
-    bench.session.set_hold_output(False, bench.now)
-    assert bench.session.problems(bench.now) == []
-    bench.wait(0.3)
-    assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+    for asked in (True, False):
+        bench.session.set_hold_output(asked, bench.now)
+        texts = [text for _, text in bench.session.problems(bench.now)]
+        assert ['end what ~/hold_output asks for' in text for text in texts] == [True] * asked
+        bench.wait(0.3)  # whatever it said last
+        assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+        bench.hear()

@@ -126,16 +126,16 @@ class Session(BaseSession[bytes, Packet, Event]):
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
-        lateness = self._lateness
-        if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
-            warnings.append(report.late(lateness))
+            lateness, heard = self._lateness, self._hold_heard
+            if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
+                warnings.append(report.late(lateness))
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
         if self.link_up:
             warnings += report.others(self.origin.others(now), self.origin.bu_id)
             if self._stops.is_disobeyed:
                 problems.append((Level.ERROR, report.DEAF))
             elif self.hold_asked:
-                silent = '' if self._hold_output else self._hold_heard.describe(now)
+                silent = heard.describe(now) if heard.expired(now) else ''
                 warnings.append(report.hold(withheld=self.output_held, silent=silent))
         if now - self._unheard_at < MEMORY:
             warnings.append(report.UNHEARD)
@@ -250,7 +250,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        if not self.link_up or self._is_interrupted(now) or self.origin.sender.is_doubled(now):
+        unsure = self.origin.sender.is_doubled(now) or self._lateness.is_late
+        if not self.link_up or self._is_interrupted(now) or unsure:
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
