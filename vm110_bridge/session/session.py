@@ -157,7 +157,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             'hold output in use': self.hold_output_in_use,
             'VRPO withheld': self.output_held,
             'later than before (s)': self._lateness.lag,
-            **(report.vrpi_values(self.vrpi) if self.vrpi is not None else {}),
+            **report.vrpi_values(self.vrpi),
             **self.packets,
         }
 
@@ -306,7 +306,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         for sticks in self.controls.lapse(now, link_up=self.link_up, estop=self.estop):
             self._emit(sticks)
         self._follow_remote()
-        self._follow_device(now)
+        self._follow_device()
         if self.link_up:
             ended = self.outbox.expire(now)
         else:
@@ -328,9 +328,9 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._remote = remote
             self._emit(RemoteState(remote))
 
-    def _follow_device(self, now: float) -> None:
-        values = report.device_values(self.vrpi)
-        told = (self.verdict, self.origin.sender.is_doubled(now), values)
+    def _follow_device(self) -> None:
+        values = report.vrpi_values(self.vrpi)
+        told = (self.verdict, values)
         if told == self._told:
             return
         self._told = told
