@@ -202,14 +202,15 @@ class Session(BaseSession[Frame, Received, Event]):
         Return a heartbeat that asks for a stop if the software e-stop is in use.
 
         A node that is not part of the stop chain must not trip the machine by being stopped. What
-        is shown of the mux is taken off the display behind it.
+        is shown of the mux is taken off the display behind it, even sooner than table 17 allows:
+        there is no later moment.
         """
         frames: list[Frame] = []
         if self._open and self._stop.in_use:
             self._stop.leaving = True
             frames += self._heartbeat_frames(now, at_once=True)
         if self._open and self._display is not None and self._display.lines:
-            frames += self._queue.due_at_once(UserFeedback(Key.DISPLAY_MODE, 0), now)
+            frames += self.settings.wire.frames(UserFeedback(Key.DISPLAY_MODE, 0))
         return frames
 
     def sent(self, frame: Frame, now: float) -> None:
