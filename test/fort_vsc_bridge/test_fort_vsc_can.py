@@ -229,14 +229,18 @@ def opened(wire: CanWire | None = None, **options: Any) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize(('rate', 'stopped'), [(9.0, False), (11.0, False), (18.0, True)])
+RATE = Settings.TABLE['vsc_heartbeat_rate']
+
+
+@pytest.mark.parametrize('of_one', [RATE.minimum, RATE.default, RATE.maximum])
+@pytest.mark.parametrize(('share', 'stopped'), [(0.9, False), (1.1, False), (1.8, True)])
 def test_heartbeats_of_two_are_told_from_those_of_one_by_their_rate(
-    rate: float, stopped: bool
+    of_one: float, share: float, stopped: bool
 ) -> None:
-    bench = opened(CanWire())
-    for _ in range(40):
+    bench = opened(CanWire(heartbeat_rate=of_one), link_timeout=max(LIMIT, 1.4 / of_one))
+    for _ in range(round(4 * of_one)):
         bench.hear(heartbeat())
-        bench.wait(1.0 / rate)
+        bench.wait(1.0 / (share * of_one))
     assert bench.session.own_estop is stopped
     (text,) = [text for _, text in bench.session.problems(bench.now) if 'no joystick' in text]
     assert text.startswith('compare can.left_basic')
@@ -313,11 +317,6 @@ def test_zeroed_frames_of_one_side_are_not_neutral_on_both() -> None:
         assert decoder.feed(frame('left_extended', bytes(8)), now) == []
     (joystick,) = decoder.feed(zeroed, LIMIT)
     assert joystick != Joystick(zeroed=True)
-
-
-def test_bytes_that_are_not_the_vscs_are_named() -> None:
-    with pytest.raises(FrameError, match=r'^unused bytes are 01 03 04, the VSC sends FF$'):
-        BasicJoystick.from_payload(bytes.fromhex('D0FF 044A 01 40 0304'))
 
 
 CONTROLS = {
