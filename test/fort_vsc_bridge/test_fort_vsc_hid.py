@@ -5,12 +5,10 @@
 
 from typing import Any
 
-from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.framing import FrameError
 from bridge_core.session import StopChanged, Verdict
-from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Mode
 from fort_vsc_bridge.protocol.wires import HidWire
 from fort_vsc_bridge.session import ModeChanged, Session, Settings, Sticks
@@ -32,55 +30,7 @@ def report(
 
 # Worked out by hand from table 50. Left stick at its right, near and low stops; right stick at
 # its left, far and high ones; pad up and right; buttons 1 (down) and 4 (left).
-GOLDEN = '7F7F7F818181910900'
-ALL_OUT = report('7F7F7F818181', 0x91)
-
-
-# -- report ---------------------------------------------------------------------------------------
-
-
-def test_golden_report_both_ways() -> None:
-    assert bytes.fromhex(GOLDEN) == ALL_OUT
-    message = InputReport(
-        axes=(127, 127, 127, -127, -127, -127),
-        hat=1,
-        numbered=(True, False, False, True),
-        mode=Mode.OPERATIONAL,
-        estop=0,
-    )
-    assert InputReport.from_bytes(ALL_OUT) == message
-    assert message.to_bytes() == ALL_OUT
-
-
-@given(st.binary(min_size=9, max_size=9))
-def test_any_nine_bytes_are_a_report_both_ways(data: bytes) -> None:
-    assert InputReport.from_bytes(data).to_bytes() == data
-
-
-@pytest.mark.parametrize('size', [0, 1, 8, 10, 18, 64])
-def test_other_length_is_an_error(size: int) -> None:
-    with pytest.raises(FrameError, match=f'9 bytes, not {size}'):
-        InputReport.from_bytes(bytes(size))
-
-
-@pytest.mark.parametrize(
-    'changed',
-    [
-        {'axes': (0,) * 5},
-        {'axes': (128, 0, 0, 0, 0, 0)},
-        {'axes': (0, 0, 0, 0, 0, -129)},
-        {'hat': 16},
-        {'numbered': (True,) * 5},
-        {'mode': 256},
-        {'estop': 256},
-        {'estop': -1},
-    ],
-)
-def test_report_of_our_own_that_cannot_be_is_refused(changed: dict[str, Any]) -> None:
-    fields = {'axes': (0,) * 6, 'hat': 8, 'numbered': (False,) * 4, 'mode': 9, 'estop': 0}
-    InputReport(**fields)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r'.'):
-        InputReport(**{**fields, **changed})
+ALL_OUT = bytes.fromhex('7F7F7F818181910900')
 
 
 # -- session --------------------------------------------------------------------------------------
