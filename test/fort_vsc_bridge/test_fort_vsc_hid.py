@@ -68,7 +68,7 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
     )
     assert bench.hear(ALL_OUT) == [
         StopChanged(Verdict()),
-        ModeChanged(Mode.OPERATIONAL),
+        ModeChanged(Heartbeat(Mode.OPERATIONAL, None, 0)),
         event,
     ]
 
@@ -167,34 +167,6 @@ def test_reports_of_another_device_name_the_port() -> None:
     assert bench.session.stop_reasons(bench.now)[0].startswith(
         'check that port is the hidraw device of the VSC, as reports of another come'
     )
-
-
-# -- what it cannot do ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ('method', 'arguments', 'words'),
-    [
-        ('set_software_estop', (True,), 'a software e-stop'),
-        ('rumble', (True, False), 'values, settings'),
-        ('set_feedback', (99, 1), 'values, settings'),
-        ('set_name', (3, 'x'), 'names or text'),
-        ('set_display_text', ('x',), 'names or text'),
-        ('get_feedback', (3,), 'a question'),
-    ],
-)
-def test_what_hid_cannot_do_is_refused_and_sends_nothing(
-    method: str, arguments: tuple[Any, ...], words: str
-) -> None:
-    bench = opened()
-    bench.hear(ALL_OUT)
-    with pytest.raises(ValueError, match=f'transport hid cannot carry {words}'):
-        getattr(bench.session, method)(*arguments, bench.now)
-    assert not bench.session.estop
-    assert not bench.session.values(bench.now)['software e-stop in use']
-    bench.wait(0.2)
-    assert bench.sent == []
-    assert bench.session.farewell(bench.now) == []
 
 
 # -- the simulated remote -------------------------------------------------------------------------
