@@ -79,9 +79,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._pacer = Pacer(settings.output_period)
         self._output = bytes(settings.periodic_output_size)
         self._serial = 0
-        self._offered: dict[
-            bytes, tuple[int, Message]
-        ] = {}  # by the last poll: serial and message
+        self._offered: dict[bytes, tuple[int, Message]] = {}  # by the last poll: serial, message
         self._acknowledgements: list[int] = []  # that are owed
         self._unheard_at = -math.inf  # a command found no listener
         self._has_news = False  # a VRPI was taken in that is not published yet
@@ -126,11 +124,11 @@ class Session(BaseSession[bytes, Packet, Event]):
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
+        problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
+        if self.link_up:
             lateness, heard = self._lateness, self._hold_heard
             if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
                 warnings.append(report.late(lateness))
-        problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
-        if self.link_up:
             warnings += report.others(self.origin.others(now), self.origin.bu_id)
             if self._stops.is_disobeyed:
                 problems.append((Level.ERROR, report.DEAF))
@@ -290,13 +288,12 @@ class Session(BaseSession[bytes, Packet, Event]):
             return report.RESTARTING
         if now - self._packets.other_crc_at < MEMORY:
             return report.other_crc(chosen=self.settings.crc != 'auto')
-        if now - self._packets.other_layout_at < MEMORY:
-            return report.OTHER_LAYOUT
-        if now - self._packets.no_origin_at < MEMORY:
-            return report.NO_ORIGIN
-        if now - self._packets.bad_crc_at < MEMORY:
-            return report.WRONG_CRC
-        return report.NO_CAUSE
+        hints = (
+            (self._packets.other_layout_at, report.OTHER_LAYOUT),
+            (self._packets.no_origin_at, report.NO_ORIGIN),
+            (self._packets.bad_crc_at, report.WRONG_CRC),
+        )
+        return next((hint for at, hint in hints if now - at < MEMORY), report.NO_CAUSE)
 
     def _follow(self, now: float) -> None:
         if not self.link_up:
