@@ -173,17 +173,6 @@ def test_what_to_do_comes_before_the_state_and_is_not_cut(bu_state: int) -> None
     assert 0 < reason.index(': BU state is ') < 128
 
 
-def test_hints_are_about_what_came_lately() -> None:
-    bench = opened(crc='mpeg2')
-    bench.take(build_packet('VRPI', CENTRED, 1, 7, 'iso_hdlc'), b'?' * 66)
-    assert 'set crc to auto' in bench.session.stop_reasons(bench.now)[0]
-    bench.wait(6.0)
-    bench.take(b'?' * 66)
-    assert 'packets with a wrong CRC come' in bench.session.stop_reasons(bench.now)[0]
-    bench.wait(6.0)
-    assert "check the BU's power" in bench.session.stop_reasons(bench.now)[0]
-
-
 # -- sticks ---------------------------------------------------------------------------------------
 
 
