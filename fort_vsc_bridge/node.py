@@ -114,12 +114,13 @@ class FortVscBridge(BridgeNode[Event]):
         return {'bad GPS sentences': self._bad_sentences}
 
     def _publish_mode(self, said: Heartbeat | None) -> None:
-        mode, was = (convert.mode_string(each and each.mode) for each in (said, self._said))
+        modes = (each.mode if each else None for each in (said, self._said))
+        mode, was = map(convert.mode_string, modes)
         self._said = said
         if mode != was:
             self.log(Level.OK, f'mode: {mode.data}, was {was.data}', site='mode')
         self._mode.publish(mode)
-        self._autonomy_mode.publish(convert.mode_string(said and said.autonomy))
+        self._autonomy_mode.publish(convert.mode_string(said.autonomy if said else None))
         self.publish_device()
 
     def device_state(self) -> Any:
