@@ -12,7 +12,14 @@ from bridge_core.decoding import CanDecoder, Decoders, Plain, StreamDecoder
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.protocol.can import BasicJoystick, CanIds, decode_data, ForeignFrameError
 from fort_vsc_bridge.protocol.messages import Heartbeat, Joystick, parser
-from fort_vsc_bridge.protocol.values import Axis, AXIS_NAMES, Button, BUTTON_NAMES, estop_sources
+from fort_vsc_bridge.protocol.values import (
+    Axis,
+    AXIS_NAMES,
+    Button,
+    BUTTON_NAMES,
+    CONNECTED_MODES,
+    estop_sources,
+)
 
 _NAMES = {identifier: name for name, identifier in CanIds().by_name.items()}
 
@@ -38,7 +45,9 @@ def _heartbeat(value: Heartbeat, plain: Callable[[Any], Any]) -> dict[str, Any]:
 
 
 def _stops(message: object) -> bool | None:
-    return message.estop != 0 if isinstance(message, Heartbeat) else None
+    if not isinstance(message, Heartbeat):
+        return None
+    return message.estop != 0 or message.mode not in CONNECTED_MODES
 
 
 DECODERS = Decoders(

@@ -23,7 +23,7 @@ from bridge_core.session import Level
 from fort_vsc_bridge import convert
 from fort_vsc_bridge.display_texts import status_from
 from fort_vsc_bridge.parameters import PARAMETERS
-from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
 from fort_vsc_bridge.reasons import REASONS
 from fort_vsc_bridge.session import (
     Event,
@@ -54,7 +54,7 @@ class FortVscBridge(BridgeNode[Event]):
     def __init__(self, **options: Any) -> None:
         self._bad_sentences = 0
         self._gga_heard = False  # since the last RMC; the next remote may send none
-        self._said = ModeChanged(None)  # as told last
+        self._said: Heartbeat | None = None  # as told last
         self._remote: RemoteStatus | None = None  # likewise
         self._stop_heard = False  # ever, and so it has to be repeated for as long as this node is
         super().__init__('fort_vsc_bridge', **options)
@@ -98,7 +98,7 @@ class FortVscBridge(BridgeNode[Event]):
         if isinstance(event, Sticks):
             self._publish_sticks(event)
         elif isinstance(event, ModeChanged):
-            self._publish_mode(event)
+            self._publish_mode(event.heartbeat)
         elif isinstance(event, RemoteState):
             self._battery.publish(convert.battery_state(event.status, *self.header()))
             self._radio_strength.publish(convert.radio_strength(event.status))
@@ -113,18 +113,19 @@ class FortVscBridge(BridgeNode[Event]):
         """Return how many GPS sentences could not be read."""
         return {'bad GPS sentences': self._bad_sentences}
 
-    def _publish_mode(self, said: ModeChanged) -> None:
-        before, self._said = self._said, said
-        if said.mode != before.mode:
-            name, was = convert.mode_string(said.mode).data, convert.mode_string(before.mode).data
-            self.log(Level.OK, f'mode: {name}, was {was}', site='mode')
-        self._mode.publish(convert.mode_string(said.mode))
-        self._autonomy_mode.publish(convert.mode_string(said.autonomy))
+    def _publish_mode(self, said: Heartbeat | None) -> None:
+        modes = (each.mode if each else None for each in (said, self._said))
+        mode, was = map(convert.mode_string, modes)
+        self._said = said
+        if mode != was:
+            self.log(Level.OK, f'mode: {mode.data}, was {was.data}', site='mode')
+        self._mode.publish(mode)
+        self._autonomy_mode.publish(convert.mode_string(said.autonomy if said else None))
         self.publish_device()
 
     def device_state(self) -> Any:
         """Return what VSC and remote say of themselves."""
-        state = Status(*device_state(self._said.heartbeat, self._remote))
+        state = Status(*device_state(self._said, self._remote))
         return to_msg(state, self.full_name, self.hardware_id)
 
     def _publish_sticks(self, sticks: Sticks) -> None:

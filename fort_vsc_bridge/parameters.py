@@ -127,7 +127,7 @@ PARAMETERS = (
         10.0,
         'can: heartbeats of one VSC (table 34). Half as many more are of two VSCs: a stop.',
         'Hz',
-        1.0,
+        2.0,
         100.0,
     ),
     Parameter(

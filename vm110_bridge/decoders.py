@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import struct
 from typing import Any
 
@@ -49,16 +49,12 @@ def _named(content: vm110.Packet | Unknown) -> str:
 
 
 def _stops(content: vm110.Packet | Unknown) -> bool | None:
-    """Tell whether a VRPI says that the relays are open, or that its remote has stopped."""
+    """Tell whether a VRPI is a stop; a state that the manual does not list is one, too."""
     message = None if isinstance(content, Unknown) else content.message
     if not isinstance(message, vm110.PeriodicInput):
         return None
-    stopped = message.ru_state == vm110.RuState.STOPPED
-    return stopped or message.bu_state < vm110.RELAYS_CLOSED
-
-
-def _checks(datagram: bytes) -> Sequence[str]:
-    return [crc.value for crc in vm110.Crc if crc.is_good(datagram)]
+    is_clear = message.bu_state in (vm110.BuState.DISARMED, vm110.BuState.ARMED)
+    return not is_clear or message.ru_state >= vm110.RuState.STOPPED
 
 
 def _packet(value: vm110.Packet, plain: Callable[[Any], Any]) -> dict[str, Any]:
@@ -70,7 +66,11 @@ DECODERS = Decoders(
     protocols=(
         StreamDecoder(name='vm110', parser=_parser, by_device=False, named=_named, stops=_stops),
         DatagramDecoder(
-            name='vm110', beginnings=_BEGINNINGS, read=_read, named=_named, checks=_checks
+            name='vm110',
+            beginnings=_BEGINNINGS,
+            read=_read,
+            named=_named,
+            checks=lambda datagram: [crc.value for crc in vm110.Crc if crc.is_good(datagram)],
         ),
     ),
     plain=Plain(

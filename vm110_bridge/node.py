@@ -16,7 +16,7 @@ from bridge_core.diagnostics import to_msg
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter
-from bridge_core.report import Status, summarise
+from bridge_core.report import Report, Status, summarise
 from bridge_core.runner import run
 from bridge_core.session import Level
 from bridge_core.watchdog import FROZEN
@@ -50,7 +50,6 @@ class Vm110Bridge(BridgeNode[Event]):
 
     def __init__(self, **options: Any) -> None:
         self._hold_heard = False  # ever, and so it has to be repeated for as long as this node is
-        self._state = _UNKNOWN
         self._delivered: deque[tuple[Command, float]] = deque(maxlen=_COMMAND_DEPTH)
         super().__init__('vm110_bridge', **options)
 
@@ -109,7 +108,7 @@ class Vm110Bridge(BridgeNode[Event]):
         elif isinstance(event, RemoteState):
             self._publish_battery(event)
         elif isinstance(event, DeviceState):
-            self._state = event
+            self._state = Status(*summarise(event.problems, event.good), event.values)
             self.publish_device()
         elif isinstance(event, EncoderTurned):
             self._encoder.publish(convert.encoder(event.position))
@@ -140,9 +139,12 @@ class Vm110Bridge(BridgeNode[Event]):
 
     def device_state(self) -> Any:
         """Return what the BU says of itself and of its remotes."""
-        state = self._state
-        status = Status(*summarise(state.problems, state.good), state.values)
-        return to_msg(status, self.full_name, self.hardware_id)
+        return to_msg(self._state, self.full_name, self.hardware_id)
+
+    def on_report(self, report: Report, now: float) -> None:
+        """Have ``~/device`` say what the diagnostic says: why nothing is heard has no event."""
+        self._state = report.device._replace(values=self._state.values, reasons=())
+        super().on_report(report, now)
 
     def _publish_command(self, command: Command) -> None:
         """Publish a command, and report whether that counts."""

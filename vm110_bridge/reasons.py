@@ -78,6 +78,7 @@ vm110.link.two_senders: stop, integrator: VM-110: two senders have one ID
 vm110.link.late: stop, technician: VM-110: its packets come late
     look at the network to the base unit: what it says comes … later than before …
     -> Look at the network to the base unit
+    -> Unit restarted? Deactivate and activate the node
     more devices/vm110.md#what-comes-late
 vm110.port.closed: stop, technician: VM-110: its port is closed
     check the network interface and interface_address: the port is not open

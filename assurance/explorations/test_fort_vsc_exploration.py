@@ -366,7 +366,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'device': (2005, 37664),
     'echo': (6242, 62088),
     'busy': (9393, 73397),
-    'far': (45928, 206563),
+    'far': (80617, 364151),
     'can': (19175, 355145),
     'hid': (524, 8104),
 }  # states, and steps between them

@@ -119,16 +119,12 @@ class BasicJoystick:
     y: Axis
     buttons: tuple[Button, ...]
 
-    def __post_init__(self) -> None:
-        if len(self.buttons) != 4:
-            raise ValueError(f'a pad has 4 buttons, not {len(self.buttons)}')
-
     @classmethod
     def from_payload(cls, data: bytes) -> BasicJoystick:
         """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
         x, y, unused, pad, spare = _BASIC.unpack(data)
         if spare << 8 | unused != 0xFFFFFF and any(data):
-            raise _foreign(data[4:5] + data[6:])
+            raise ForeignFrameError
         return cls(AXES[x], AXES[y], PADS[pad])
 
     def to_payload(self) -> bytes:
@@ -148,7 +144,7 @@ class ExtendedJoystick:
         """Read 8 bytes of data. :raises ForeignFrameError: they are not the VSC's."""
         z, unused = _EXTENDED.unpack(data)
         if unused != _ALL_UNUSED and any(data):
-            raise _foreign(unused)
+            raise ForeignFrameError
         return cls(AXES[z])
 
     def to_payload(self) -> bytes:
@@ -184,10 +180,6 @@ class StringSegment:
     def to_payload(self) -> bytes:
         """Return 8 bytes of data."""
         return _SEGMENT.pack(self.key, self.segment, self.text.encode('ascii'))
-
-
-def _foreign(unused: bytes) -> ForeignFrameError:
-    return ForeignFrameError(f'unused bytes are {unused.hex(" ")}, the VSC sends FF')
 
 
 CanMessage = (

@@ -12,7 +12,7 @@ import struct
 
 from bridge_core.framing import StreamParser, Unknown
 from bridge_core.packets import decode_by
-from fort_vsc_bridge.protocol.frames import MAX_LENGTH, Message, MessageType, PACKETS
+from fort_vsc_bridge.protocol.frames import Message, MessageType, PACKETS
 from fort_vsc_bridge.protocol.values import (
     AUTONOMY_MODES,
     AutonomyMode,
@@ -54,11 +54,6 @@ class Joystick(Message):
     zeroed: bool = False
     pausing: bool = False
 
-    def __post_init__(self) -> None:
-        if len(self.axes) != 6 or len(self.buttons) != 8:
-            count = f'{len(self.axes)} and {len(self.buttons)}'
-            raise ValueError(f'a joystick message has 6 axes and 8 buttons, not {count}')
-
     @classmethod
     def _from_payload(cls, payload: bytes) -> Joystick:
         if not any(payload):
@@ -85,11 +80,6 @@ class Gps(Message):
     source: int
     sentence: str
 
-    def __post_init__(self) -> None:
-        check_range('the GPS source', self.source, 0, 255)
-        if not self.sentence.isascii() or len(self.sentence) >= MAX_LENGTH:
-            raise ValueError(f'not an ASCII sentence below {MAX_LENGTH} bytes: {self.sentence!r}')
-
     @classmethod
     def _from_payload(cls, payload: bytes) -> Gps:
         return cls(payload[0], payload[1:].decode('ascii'))
@@ -112,12 +102,6 @@ class Heartbeat(Message):
     mode: Mode | int
     autonomy: AutonomyMode | int | None
     estop: int
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.mode <= 255 and 0 <= (self.autonomy or 0) <= 255):
-            raise ValueError(f'modes must be 0 to 255, not {self.mode} and {self.autonomy}')
-        if not 0 <= self.estop <= 0xFFFFFFFF:
-            raise ValueError(f'the E-stop indication must have 32 bits, not {self.estop}')
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> Heartbeat:
@@ -158,10 +142,6 @@ class RemoteStatus(Message):
     def __post_init__(self) -> None:
         if self.battery_percent is not None:
             check_range('the battery level', self.battery_percent, 0, 100)
-        check_range('the strength at the VSC', self.strength_vsc, 0, 255)
-        check_range('the strength at the SRC', self.strength_src, 0, 255)
-        if len(self.reserved) != 2:
-            raise ValueError(f'need 2 reserved bytes, not {len(self.reserved)}')
 
     @classmethod
     def _from_payload(cls, payload: bytes) -> RemoteStatus:
@@ -284,9 +264,6 @@ class SetupStringGet(Message):
     LAYOUT = struct.Struct('<B')
     key: int
 
-    def __post_init__(self) -> None:
-        check_range('a setup key', self.key, 0, 255)
-
 
 @dataclass(frozen=True, slots=True)
 class SetupUnlock(Message):
@@ -295,9 +272,6 @@ class SetupUnlock(Message):
     TYPE = MessageType.SETUP_UNLOCK
     LAYOUT = struct.Struct('<H')
     code: int = 0xDEC0
-
-    def __post_init__(self) -> None:
-        check_range('the code', self.code, 0, 0xFFFF)
 
 
 _ALL: tuple[type[Message], ...] = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
-from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,19 +16,10 @@ class ModeChanged:
     """
     Mode, autonomy mode or E-stop indication of the VSC changed.
 
-    :param mode: None: not known, since no heartbeat comes.
+    :param heartbeat: that says so; None: none comes.
     """
 
-    mode: Mode | int | None
-    autonomy: AutonomyMode | int | None = None
-    estop: int = 0
-
-    @property
-    def heartbeat(self) -> Heartbeat | None:
-        """The heartbeat that said so; None: none comes."""
-        if self.mode is None:
-            return None
-        return Heartbeat(self.mode, self.autonomy, self.estop)
+    heartbeat: Heartbeat | None
 
 
 @dataclass(frozen=True, slots=True)

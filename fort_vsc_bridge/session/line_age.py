@@ -49,6 +49,9 @@ class LineAge:
         self.is_silent = False  # it does not answer
         self._asked: deque[float] = deque()  # what waits for an answer, the oldest first
         self._ask_at = now
+        self._asked_last = -math.inf  # when the newest question went out
+        # Until then an answer to a question of before this line may come, and be taken for ours.
+        self._flushed_at = now + max(PERIOD, self.PATIENCE)
         self._answers_last = False  # no heartbeat has come since the answer
         self._late_until = -math.inf
 
@@ -57,11 +60,12 @@ class LineAge:
         self._give_up(now)
         self._asked.append(now)
         self._ask_at = now + PERIOD
+        self._asked_last = now
 
     def answered(self, now: float) -> None:
-        """Note that an answer came."""
-        if self._asked:
-            asked = self._asked.popleft()
+        """Note that an answer came; one that nothing waits for is to the newest question."""
+        asked = self._asked.popleft() if self._asked else self._asked_last
+        if math.isfinite(asked):
             self._note_late(now)
             self.as_of = asked
             self.trip, self.is_silent, self._answers_last = now - asked, False, True
@@ -96,8 +100,13 @@ class LineAge:
         """The moment at which to ask, even if that is past."""
         if self._asked:
             return self._asked[0] + self._patience
-        sooner = max(self.limit_at - self.limit / 2, self._ask_at - PERIOD + _LEAST_PERIOD)
-        return min(self._ask_at, sooner)
+        least = self._asked_last + _LEAST_PERIOD
+        if not -math.inf < self._asked_last < self._flushed_at:
+            return min(self._ask_at, max(self.limit_at - self.limit / 2, least))
+        # Leave the answer to the newest question time to come behind one of before.
+        spare = self.limit / 10
+        sooner = self.limit_at - spare if self.trip < self.limit - spare else math.inf
+        return min(self._flushed_at, max(sooner, least))
 
     def _note_late(self, now: float) -> None:
         if now >= self.limit_at:

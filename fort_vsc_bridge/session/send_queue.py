@@ -98,10 +98,6 @@ class SendQueue:
                 self._offered[kind] = self._wire.frames(next(iter(line.values())))
         return [frames[0] for frames in self._offered.values()]
 
-    def due_at_once(self, message: Message, now: float) -> list[Frame]:
-        """Return the frame of a message that goes now or never: none while it is too early."""
-        return self._wire.frames(message) if now >= self._free_at[message.TYPE] else []
-
     def sent(self, frame: Frame, now: float) -> None:
         """Note that a frame that was due went out: the next of its type has its turn."""
         for kind, frames in self._offered.items():

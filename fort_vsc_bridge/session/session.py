@@ -75,7 +75,7 @@ class Session(BaseSession[Frame, Received, Event]):
         self.rejected = 0  # frames that are not the VSC's, or of a firmware that is not known
         self.software_estop_refused = False  # somebody relies on one that this wire has not
         self._newest: Heartbeat | None = None
-        self._modes = ModeChanged(None)  # as emitted
+        self._said: Heartbeat | None = None  # as emitted
         self._connected_at = -math.inf  # a remote, the last time
         self._rejection = ''  # why the last one was, and what to do
         self._rejected_lately = Watchdog(_LATELY)
@@ -202,14 +202,15 @@ class Session(BaseSession[Frame, Received, Event]):
         Return a heartbeat that asks for a stop if the software e-stop is in use.
 
         A node that is not part of the stop chain must not trip the machine by being stopped. What
-        is shown of the mux is taken off the display behind it.
+        is shown of the mux is taken off the display behind it, even sooner than table 17 allows:
+        there is no later moment.
         """
         frames: list[Frame] = []
         if self._open and self._stop.in_use:
             self._stop.leaving = True
             frames += self._heartbeat_frames(now, at_once=True)
         if self._open and self._display is not None and self._display.lines:
-            frames += self._queue.due_at_once(UserFeedback(Key.DISPLAY_MODE, 0), now)
+            frames += self.settings.wire.frames(UserFeedback(Key.DISPLAY_MODE, 0))
         return frames
 
     def sent(self, frame: Frame, now: float) -> None:
@@ -335,17 +336,13 @@ class Session(BaseSession[Frame, Received, Event]):
 
     def _follow(self, now: float) -> None:
         newest, stopped = self.heartbeat, self.verdict.estop
-        before = self._modes
-        if newest is None:
-            self._modes = ModeChanged(None)
-        else:
-            self._modes = ModeChanged(newest.mode, newest.autonomy, newest.estop)
-        if (newest is None) is not (before.mode is None):
+        before, self._said = self._said, newest
+        if (newest is None) is not (before is None):
             self._settled_at = now + self.settings.link_timeout
             self._device.link_changed(newest is not None, now)
             self._identity.link_changed(newest is not None, now)
-        if self._modes != before:
-            self._events.append(self._modes)
+        if newest != before:
+            self._events.append(ModeChanged(newest))
         if stopped:
             self._sticks.miss(now, stopped=True)
         fresh = newest is not None and not self._joystick_heard.expired(now)
@@ -354,8 +351,8 @@ class Session(BaseSession[Frame, Received, Event]):
             self._events.append(NEUTRAL)
             if not stopped:
                 self._sticks.miss(now, stopped=False)
-        connected = self._modes.mode in CONNECTED_MODES
-        if connected and before.mode not in CONNECTED_MODES:
+        connected = self.remote_connected
+        if connected and (before is None or before.mode not in CONNECTED_MODES):
             self._connected_at = now
             self._queue.show_again()
         if self.remote_status is not None and not (connected and now < self._remote_expires_at):

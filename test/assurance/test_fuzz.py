@@ -24,7 +24,7 @@ from assurance.fuzz.campaign import corpus, corpus_of, Finding, Fuzzer, watch_fo
 from bridge_core import framing, packets
 from bridge_core.framing import FrameError, StreamParser
 from fort_vsc_bridge.protocol import can
-from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.hid import HidDecoder
 from fort_vsc_bridge.protocol.serial import SerialDecoder
 from fort_vsc_bridge.session import Session
 from safety_mux.mapping import JoyMapping
@@ -77,15 +77,13 @@ def skip_a_whole_frame_after_a_wrong_check(plant: pytest.MonkeyPatch) -> None:
 
 
 def hand_out_a_frame_before_its_end(plant: pytest.MonkeyPatch) -> None:
-    plant.setattr(
-        InputReport,
-        'from_bytes',
-        classmethod(lambda kind, data: kind(*_fields_of(data.ljust(9, b'\0')))),
-    )
+    feed = HidDecoder.feed
 
+    def hasty(decoder: Any, data: bytes, now: float) -> Any:
+        decoder.counters.bytes -= max(9 - len(data), 0)
+        return feed(decoder, data.ljust(9, b'\0'), now)
 
-def _fields_of(report: bytes) -> tuple[Any, ...]:
-    return (0,) * 6, 8, (False,) * 4, report[7], report[8]
+    plant.setattr(HidDecoder, 'feed', hasty)
 
 
 def take_either_check(plant: pytest.MonkeyPatch) -> None:

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from sensor_msgs.msg import BatteryState, JoyFeedback
+from sensor_msgs.msg import JoyFeedback
 from std_msgs.msg import String
 
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator
 from stage.can_rig import CanBus, make_bus
-from stage.fort_vsc_nodes import can_bench, DEVICE, LINK, NodeBench, Station
+from stage.fort_vsc_nodes import can_bench, DEVICE, NodeBench, Station
 from stage.rig import Observer
 
 HEARTBEAT, RIGHT_EXTENDED = 0x0CFDE801, 0x0CFDD934
@@ -41,21 +41,6 @@ def shared(bus: CanBus) -> Iterator[NodeBench]:
 def bench(shared: NodeBench) -> NodeBench:
     shared.start_anew()
     return shared
-
-
-def test_remote_status_becomes_battery_without_any_configuration(bench: NodeBench) -> None:
-    bench.vsc.apply('battery 70', 'charging on')
-    wanted = pytest.approx(0.70)
-    bench.wait(lambda: bench.battery.last and bench.battery.last.percentage == wanted, 'a battery')
-    assert bench.battery.last.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
-    bench.vsc.apply('radio off')
-    bench.wait(lambda: not bench.battery.last.present, 'no battery')
-
-
-def test_heartbeat_alone_missing_stops_and_is_told_from_silence(bench: NodeBench) -> None:
-    bench.vsc.mute(HEARTBEAT)
-    bench.wait_says(bench.estop, True)
-    bench.wait(lambda: 'compare can.heartbeat with the VSC' in bench.told(LINK), 'the reason')
 
 
 def test_missing_joystick_frame_makes_joy_neutral_and_is_named(bench: NodeBench) -> None:

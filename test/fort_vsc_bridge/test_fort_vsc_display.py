@@ -230,6 +230,9 @@ def test_silence_is_told_where_nothing_else_wakes_the_session() -> None:
 
 def test_node_that_ends_takes_the_state_off_the_display_behind_its_stop() -> None:
     remote = Remote(require_software_estop=True).say(ACTIVE, 3.0)
+    remote.session.set_feedback(1, 7, remote.now)  # and however soon after another value
+    remote.poll()
+    assert remote.frames(0x30)[-1][0] == remote.now
     farewell = remote.session.farewell(remote.now)
     assert farewell[0] == STOP
     for frame in farewell:

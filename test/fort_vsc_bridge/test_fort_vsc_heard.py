@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from bridge_core.session import Level
-from fort_vsc_bridge.protocol.messages import RemoteStatus
+from fort_vsc_bridge.protocol.messages import Heartbeat, RemoteStatus
 from fort_vsc_bridge.protocol.values import AutonomyMode, Mode
 from fort_vsc_bridge.session import (
     DeviceSettings,
@@ -133,14 +133,14 @@ def test_bits_and_autonomy_mode_that_change_in_one_mode_are_an_event() -> None:
     bench = opened()
     bench.hear(heartbeat(Mode.LOCAL, SRC))
     (event,) = bench.hear(heartbeat(Mode.LOCAL, USER))
-    assert event == ModeChanged(Mode.LOCAL, AutonomyMode.USER_CONTROL, USER)
+    assert event == ModeChanged(Heartbeat(Mode.LOCAL, AutonomyMode.USER_CONTROL, USER))
     level, message, values = device_state(event.heartbeat, None)
     assert (level, message) == (Level.WARN, 'Local; e-stop: USER (this computer)')
     assert values['e-stop sources'] == 'USER (this computer)'
     bench.hear(heartbeat())
     (event,) = bench.hear(build_frame(0x20, b'\x09\x02\0\0\0\0'))
-    assert event == ModeChanged(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL)
-    assert bench.wait(1.0)[1] == ModeChanged(None, None)
+    assert event == ModeChanged(Heartbeat(Mode.OPERATIONAL, AutonomyMode.AUTONOMOUS_CONTROL, 0))
+    assert bench.wait(1.0)[1] == ModeChanged(None)
 
 
 def test_every_problem_says_first_what_to_do_within_what_ros2_topic_echo_shows() -> None:

@@ -5,12 +5,10 @@
 
 from typing import Any
 
-from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.framing import FrameError
 from bridge_core.session import StopChanged, Verdict
-from fort_vsc_bridge.protocol.hid import InputReport
+from fort_vsc_bridge.protocol.messages import Heartbeat
 from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES, Mode
 from fort_vsc_bridge.protocol.wires import HidWire
 from fort_vsc_bridge.session import ModeChanged, Session, Settings, Sticks
@@ -32,55 +30,7 @@ def report(
 
 # Worked out by hand from table 50. Left stick at its right, near and low stops; right stick at
 # its left, far and high ones; pad up and right; buttons 1 (down) and 4 (left).
-GOLDEN = '7F7F7F818181910900'
-ALL_OUT = report('7F7F7F818181', 0x91)
-
-
-# -- report ---------------------------------------------------------------------------------------
-
-
-def test_golden_report_both_ways() -> None:
-    assert bytes.fromhex(GOLDEN) == ALL_OUT
-    message = InputReport(
-        axes=(127, 127, 127, -127, -127, -127),
-        hat=1,
-        numbered=(True, False, False, True),
-        mode=Mode.OPERATIONAL,
-        estop=0,
-    )
-    assert InputReport.from_bytes(ALL_OUT) == message
-    assert message.to_bytes() == ALL_OUT
-
-
-@given(st.binary(min_size=9, max_size=9))
-def test_any_nine_bytes_are_a_report_both_ways(data: bytes) -> None:
-    assert InputReport.from_bytes(data).to_bytes() == data
-
-
-@pytest.mark.parametrize('size', [0, 1, 8, 10, 18, 64])
-def test_other_length_is_an_error(size: int) -> None:
-    with pytest.raises(FrameError, match=f'9 bytes, not {size}'):
-        InputReport.from_bytes(bytes(size))
-
-
-@pytest.mark.parametrize(
-    'changed',
-    [
-        {'axes': (0,) * 5},
-        {'axes': (128, 0, 0, 0, 0, 0)},
-        {'axes': (0, 0, 0, 0, 0, -129)},
-        {'hat': 16},
-        {'numbered': (True,) * 5},
-        {'mode': 256},
-        {'estop': 256},
-        {'estop': -1},
-    ],
-)
-def test_report_of_our_own_that_cannot_be_is_refused(changed: dict[str, Any]) -> None:
-    fields = {'axes': (0,) * 6, 'hat': 8, 'numbered': (False,) * 4, 'mode': 9, 'estop': 0}
-    InputReport(**fields)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r'.'):
-        InputReport(**{**fields, **changed})
+ALL_OUT = bytes.fromhex('7F7F7F818181910900')
 
 
 # -- session --------------------------------------------------------------------------------------
@@ -118,7 +68,7 @@ def test_report_gives_stop_mode_and_sticks_at_once() -> None:
     )
     assert bench.hear(ALL_OUT) == [
         StopChanged(Verdict()),
-        ModeChanged(Mode.OPERATIONAL),
+        ModeChanged(Heartbeat(Mode.OPERATIONAL, None, 0)),
         event,
     ]
 
@@ -217,34 +167,6 @@ def test_reports_of_another_device_name_the_port() -> None:
     assert bench.session.stop_reasons(bench.now)[0].startswith(
         'check that port is the hidraw device of the VSC, as reports of another come'
     )
-
-
-# -- what it cannot do ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ('method', 'arguments', 'words'),
-    [
-        ('set_software_estop', (True,), 'a software e-stop'),
-        ('rumble', (True, False), 'values, settings'),
-        ('set_feedback', (99, 1), 'values, settings'),
-        ('set_name', (3, 'x'), 'names or text'),
-        ('set_display_text', ('x',), 'names or text'),
-        ('get_feedback', (3,), 'a question'),
-    ],
-)
-def test_what_hid_cannot_do_is_refused_and_sends_nothing(
-    method: str, arguments: tuple[Any, ...], words: str
-) -> None:
-    bench = opened()
-    bench.hear(ALL_OUT)
-    with pytest.raises(ValueError, match=f'transport hid cannot carry {words}'):
-        getattr(bench.session, method)(*arguments, bench.now)
-    assert not bench.session.estop
-    assert not bench.session.values(bench.now)['software e-stop in use']
-    bench.wait(0.2)
-    assert bench.sent == []
-    assert bench.session.farewell(bench.now) == []
 
 
 # -- the simulated remote -------------------------------------------------------------------------

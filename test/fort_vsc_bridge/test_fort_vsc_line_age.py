@@ -250,6 +250,25 @@ def test_new_line_is_of_unknown_age() -> None:
     assert far.bench.session.as_of(far.bench.now) > far.bench.now - 0.2
 
 
+@pytest.mark.parametrize('opened_at', [6.0, 6.2, 6.4, 6.6, 6.8, 7.0, 7.2])
+@pytest.mark.parametrize('back', [1.05, 1.2, 2.1])
+def test_answer_of_before_the_line_makes_an_old_one_young_for_a_moment_alone(
+    opened_at: float, back: float
+) -> None:
+    """It was on its way when the port was opened anew."""
+    far = Far(back=after(0.0, back))
+    far.oracle = False
+    far.run(opened_at)
+    assert far.bench.session.estop
+    far.bench.close()
+    far.bench.open()
+    far.run(LineAge.PATIENCE)
+    far.oracle = True
+    for _ in range(40):
+        far.run(0.25)
+        assert far.bench.session.estop
+
+
 @pytest.mark.parametrize('wire', [SerialWire(), CanWire(), HidWire()])
 def test_line_that_holds_nothing_back_is_asked_nothing(wire: SerialWire | CanWire) -> None:
     session = Session(Settings(wire=wire))

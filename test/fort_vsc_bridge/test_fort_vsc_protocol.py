@@ -198,22 +198,6 @@ def test_unknown_mode_is_never_operational() -> None:
         lambda: Axis(None),
         lambda: Axis(3, InputState.ERROR),
         lambda: Button(None),
-        *(
-            lambda axes=axes, buttons=buttons: Joystick(
-                (Axis(0),) * axes, (Button(False),) * buttons
-            )
-            for axes, buttons in ((6, 7), (6, 9), (5, 8), (7, 8))
-        ),
-        lambda: Gps(0, 'x' * 248),
-        lambda: Gps(256, ''),
-        lambda: Gps(0, 'Zürich'),
-        lambda: Heartbeat(256, 0, 0),
-        lambda: Heartbeat(4, 256, 0),
-        lambda: Heartbeat(4, 0, 2**32),
-        lambda: RemoteStatus(101, False, 0, 0),
-        lambda: RemoteStatus(1, False, 256, 0),
-        lambda: RemoteStatus(1, False, 0, 256),
-        lambda: RemoteStatus(1, False, 0, 0, b''),
     ],
 )
 def test_own_bad_value_is_refused_when_made(make: Any) -> None:

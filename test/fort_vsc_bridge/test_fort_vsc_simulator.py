@@ -131,17 +131,6 @@ def test_too_fast_host_is_found_out() -> None:
     assert device.simulator.too_fast[0x31] == 1
 
 
-def test_faulty_controls_carry_their_status() -> None:
-    device = Device().apply('mode operational')
-    for command in ('fault left_x error', 'fault left_y unavailable', 'fault left_up error'):
-        device.apply(command)
-    words = struct.unpack('<6H2B', device.of(0x10)[-1])
-    assert (words[0] & 0x3F, words[1] & 0x3F, words[6]) == (0b101010, 0b111111, 0b10 << 4)
-    device.apply('fault left_x ok')
-    assert struct.unpack('<6H2B', device.of(0x10)[-1])[0] == 1
-    assert set(device.simulator.describe()['faults']) == {'left_y', 'left_up'}
-
-
 def test_operator_sets_a_value_in_the_menu_and_the_host_asks_for_it() -> None:
     device = Device().apply('mode menu').apply('value 3 42')
     assert device.of(0x30) == [struct.pack('<Bi', 3, 42)]

@@ -18,8 +18,10 @@ from typing import Any
 
 import pytest
 
+from bridge_core.decoding import StreamDecoder
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import StopChanged, Verdict
+from fort_vsc_bridge.decoders import DECODERS
 from fort_vsc_bridge.protocol.values import Mode
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
 from fort_vsc_bridge.session import ModeChanged, Session, Settings, Sticks
@@ -304,6 +306,10 @@ def test_only_modes_with_a_remote_are_clear_and_sticks_count_in_operational(
     assert session.remote_connected is not session.estop
     assert bool(session.stop_reasons(bench.now)) is session.estop
     assert event == (DEFLECTED if mode == Mode.OPERATIONAL else Sticks())
+    stream = DECODERS.protocols[0]  # of a recording
+    assert isinstance(stream, StreamDecoder)
+    (content,) = stream.parser().feed(on_serial(mode, 0, '')[0], 0.0)
+    assert stream.stops(content) is session.estop
 
 
 @pytest.mark.parametrize('wire', BUS)

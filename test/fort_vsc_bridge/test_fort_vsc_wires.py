@@ -15,14 +15,12 @@ import pytest
 
 from bridge_core.session import Level
 from fort_vsc_bridge.convert import joy
-from fort_vsc_bridge.protocol.messages import Heartbeat, HostHeartbeat, UserFeedback
-from fort_vsc_bridge.protocol.values import AutonomyMode, AXIS_NAMES, BUTTON_NAMES, Mode
+from fort_vsc_bridge.protocol.values import AXIS_NAMES, BUTTON_NAMES
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire, SerialWire
 from fort_vsc_bridge.session import Session, Settings, Sticks
 from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from stage.session_rig import SessionBench
 
-ALIVE = Heartbeat(Mode.OPERATIONAL, AutonomyMode.USER_CONTROL, 0)
 HID_STEP = 1 / 127
 OPPOSITE = ({'left_up', 'left_down'}, {'left_left', 'left_right'})  # a HID pad has no such
 
@@ -44,15 +42,6 @@ def test_link_timeout_is_above_the_time_between_two_signs_of_life(wire: Any) -> 
     least = Settings.TABLE['link_timeout'].minimum
     assert least is not None
     Settings(wire=wire, link_timeout=max(math.nextafter(wire.INTERVAL, 1.0), least))
-
-
-def test_wire_that_carries_nothing_lets_nothing_pass() -> None:
-    message = UserFeedback(1, 1)
-    SerialWire().check(message)
-    with pytest.raises(ValueError, match='transport hid cannot carry'):
-        HidWire().check(message)
-    with pytest.raises(ValueError, match='transport can cannot carry'):
-        CanWire().check(HostHeartbeat(estop=False))
 
 
 def test_nothing_is_sent_more_often_than_tables_17_and_34_allow() -> None:
@@ -105,6 +94,40 @@ def benches(**options: Any) -> dict[str, Bench]:
         'can': Bench(CanSimulator(), CanWire(), **options),
         'hid': Bench(HidSimulator(), HidWire(), **options),
     }
+
+
+@pytest.mark.parametrize(
+    ('wire', 'method', 'arguments', 'words'),
+    [
+        ('can', 'set_software_estop', (True,), 'cannot carry a software e-stop'),
+        ('can', 'get_feedback', (3,), 'cannot carry a question'),
+        ('can', 'set_name', (1, 'x' * 19), 'carries 18 characters at most'),
+        ('can', 'set_display_text', ('one\n' + 'x' * 19,), 'carries 18 characters'),
+        ('can', 'set_feedback', (85, 1), 'has no key 85'),
+        ('hid', 'set_software_estop', (True,), 'cannot carry a software e-stop'),
+        ('hid', 'rumble', (True, False), 'cannot carry values, settings'),
+        ('hid', 'set_feedback', (99, 1), 'cannot carry values, settings'),
+        ('hid', 'set_name', (3, 'x'), 'cannot carry names or text'),
+        ('hid', 'set_display_text', ('x',), 'cannot carry names or text'),
+        ('hid', 'get_feedback', (3,), 'cannot carry a question'),
+    ],
+)
+def test_what_a_wire_cannot_carry_is_refused_and_sends_nothing(
+    wire: str, method: str, arguments: tuple[Any, ...], words: str
+) -> None:
+    if wire == 'can':
+        bench = Bench(CanSimulator(), CanWire(), configure_device=True)
+    else:
+        bench = Bench(HidSimulator(), HidWire())
+    bench.run(0.5)
+    session = bench.session
+    with pytest.raises(ValueError, match=f'transport {wire} {words}'):
+        getattr(session, method)(*arguments, bench.now)
+    assert not session.estop
+    assert not session.values(bench.now)['software e-stop in use']
+    bench.wait(1.0)
+    assert bench.sent == []
+    assert session.farewell(bench.now) == []
 
 
 @settings(max_examples=30)

@@ -43,15 +43,6 @@ def test_command_is_counted_once_however_often_it_comes() -> None:
     assert counts(box) == (1, 2, 0, 0, 0)
 
 
-def test_command_that_is_to_be_done_waits_for_it() -> None:
-    box = inbox(explicit=True)
-    assert not box.published(PUBLISHED, heard=True)
-    assert counts(box) == (1, 0, 0, 0, 1)
-    box.done(7, NOW)
-    assert counts(box) == (1, 0, 0, 0, 0)
-    assert box.take(ASKED, NOW, allowed=True) == AGAIN
-
-
 def test_unheard_command_is_offered_again_and_counted_each_time() -> None:
     box = inbox()
     for count in (1, 2):
@@ -105,13 +96,6 @@ def test_command_is_known_for_five_seconds_after_it_came_last(age: float, known:
         assert box.take(ASKED, NOW + 1.0 + age, allowed=True) == NEW
 
 
-def test_base_unit_that_restarts_may_count_anew() -> None:
-    box = inbox()
-    assert box.published(PUBLISHED, heard=True)
-    box.restart()
-    assert box.take(ASKED, NOW, allowed=True) == NEW
-
-
 @pytest.mark.parametrize(('age', 'result'), [(MEMORY - STEP, REPEAT), (MEMORY, NEW)])
 def test_what_a_session_before_has_delivered_is_neither_delivered_nor_acknowledged_again(
     age: float, result: tuple[bool, bool]
@@ -123,13 +107,6 @@ def test_what_a_session_before_has_delivered_is_neither_delivered_nor_acknowledg
     assert counts(box) == (0, 0, 0, 0, 0)
     assert not box.published(PUBLISHED, heard=True)
     assert box.take(ASKED, NOW + age, allowed=True) == result
-
-
-def test_what_a_session_before_has_delivered_is_acknowledged_once_it_is_done() -> None:
-    box = CommandInbox(explicit=False)
-    box.remember([(PUBLISHED, NOW)])
-    box.done(7, NOW)
-    assert box.take(ASKED, NOW, allowed=True) == AGAIN
 
 
 def test_what_a_session_before_has_delivered_is_forgotten_oldest_first() -> None:

@@ -9,7 +9,8 @@ import random
 import pytest
 
 from bridge_core.session import Level
-from stage.vm110_rig import armed, Bench, vrci
+from stage.vm110_rig import armed, Bench, CENTRED, of, opened, vrci
+from vm110_bridge.session import Command
 from vm110_bridge.session.lateness import Lateness, PERIOD
 
 LIMIT = 0.5
@@ -163,6 +164,20 @@ def test_late_base_unit_is_a_stop_of_its_own_with_numbers_and_half_of_it_a_warni
         bench.hear()  # what was held back
     bench.run(1.0)
     assert not bench.session.estop
+    late(bench, 1.25)
+    bench.wait(1.0)
+    ((level, text),) = bench.session.problems(bench.now)
+    assert text.startswith("check the BU's power")  # whatever it was before
+
+
+def test_late_command_is_dropped_though_one_of_an_unarmed_remote_would_be_taken() -> None:
+    """The base unit has told its operator that it failed, 2 s after it was asked."""
+    bench = armed(accept_unarmed_commands=True)
+    bench.run(10.0)
+    late(bench, 4.0)
+    bench.hear(vrci(1), 'VRCI')
+    assert not of(Command, bench.events)
+    assert bench.session.dropped_commands == 1
 
 
 @pytest.mark.parametrize('limit', [0.0, 5.0])
@@ -193,6 +208,29 @@ def test_commands_of_the_remote_make_nothing_late_nor_hide_it() -> None:
         bench.hear()
         bench.wait(1.1 * PERIOD)
     assert bench.session.estop
+
+
+@pytest.mark.parametrize('copies', [0, 1, 16])
+def test_slower_way_is_late_though_it_brings_copies_of_what_the_faster_has_brought(
+    copies: int,
+) -> None:
+    """The faster of two ways fails; copies come in the silence, and then what nobody has heard."""
+    bench = opened()
+    bench.serial = 1000
+    packets = [bench.packet('VRPI', CENTRED) for _ in range(80)]
+    for packet in packets:
+        bench.take(packet)
+        bench.wait(PERIOD)
+    bench.wait((16 - copies) * PERIOD)
+    for packet in packets[len(packets) - copies :]:
+        bench.take(packet)
+        bench.wait(PERIOD)
+    assert not bench.session.link_up
+    for _ in range(80):
+        bench.hear()
+        assert bench.session.own_estop
+        bench.wait(PERIOD)
+    assert 'look at the network' in bench.session.stop_reasons(bench.now)[0]
 
 
 def test_base_unit_that_restarts_is_not_late() -> None:

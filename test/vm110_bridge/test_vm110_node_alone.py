@@ -11,6 +11,7 @@ import pytest
 from std_msgs.msg import Bool, UInt8MultiArray
 
 from bridge_core import clock
+from bridge_core.report import Damage, LinkStatus, report
 from bridge_core.watchdog import FreezeWatch, FROZEN
 from stage.node_alone import alone
 from stage.session_rig import SessionBench
@@ -93,6 +94,22 @@ def test_hold_of_a_publisher_that_is_gone_or_never_heard_lets_nothing_go(
     node.on_unheard_gone()
     forgets = [(Session.forget_hold_output,)] * (not heard)
     assert asked == [(Session.set_hold_output, True), *forgets]
+
+
+# -- what is said of the device -------------------------------------------------------------------
+
+
+def test_device_says_why_nothing_is_heard_and_that_the_node_is_not_active(
+    node: Vm110Bridge,
+) -> None:
+    bench: SessionBench[Session] = SessionBench(make_session(node.values))
+    bench.open()
+    node.on_events(bench.events, bench.now)
+    for session, words in ((bench.session, "check the BU's power"), (None, 'is not active')):
+        port, damage = LinkStatus(is_open=True), Damage(bench.session.counters)
+        node.on_report(report(port, session, damage, {}, bench.now), bench.now)
+        assert words in node.device_state().message
+        assert [pair.value for pair in node.device_state().values] == ['Not heard']
 
 
 # -- to the remote --------------------------------------------------------------------------------

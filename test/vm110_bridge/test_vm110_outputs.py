@@ -3,11 +3,13 @@
 
 """The VM-110's VRPO, and whose stop it is while they are withheld."""
 
+from collections.abc import Callable
 import itertools
 import struct
 
 import pytest
 
+from bridge_core.framing import Datagram
 from bridge_core.session import Level, RETRY
 from stage.vm110_rig import (
     ARMED,
@@ -182,6 +184,30 @@ def test_hold_does_not_keep_a_stopped_unit_from_being_rearmed() -> None:
     assert not bench.session.own_estop
 
 
+def from_elsewhere(bench: Bench) -> None:
+    bench.take(Datagram(bench.packet('VRPI', EXTERNAL), '192.0.2.2:5825'))
+
+
+def late(bench: Bench) -> None:
+    bench.wait(1.0)
+    bench.hear(EXTERNAL)
+
+
+@pytest.mark.parametrize('stop', [from_elsewhere, late])
+def test_stop_that_is_not_the_units_does_not_undo_a_hold(stop: Callable[[Bench], None]) -> None:
+    """Or a remote that is rearmed would close the relays while another device demands a stop."""
+    bench = armed(link_timeout=2.0)
+    bench.run(1.0)
+    hold(bench, 2.0)
+    hold(bench, 0.5, EXTERNAL)
+    assert not bench.session.own_estop
+    before = len(bench.sent)
+    stop(bench)
+    hold(bench, 0.5, EXTERNAL)
+    assert bench.session.own_estop
+    assert len(bench.sent) == before
+
+
 @pytest.mark.parametrize(
     'payload',
     [
@@ -292,9 +318,10 @@ def test_devices_own_stop_is_no_echo_though_output_is_withheld(payload: bytes) -
 
 def test_silent_hold_is_told_from_one_that_is_asked_for() -> None:
     bench = armed()
-    bench.session.set_hold_output(True, bench.now)
-    assert 'end what ~/hold_output asks for' in bench.session.problems(bench.now)[0][1]
-    bench.session.set_hold_output(False, bench.now)
-    assert bench.session.problems(bench.now) == []
-    bench.wait(0.3)
-    assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+    for asked in (True, False):
+        bench.session.set_hold_output(asked, bench.now)
+        texts = [text for _, text in bench.session.problems(bench.now)]
+        assert ['end what ~/hold_output asks for' in text for text in texts] == [True] * asked
+        bench.wait(0.3)  # whatever it said last
+        assert 'start what publishes ~/hold_output' in bench.session.problems(bench.now)[0][1]
+        bench.hear()

@@ -86,11 +86,6 @@ def test_golden_packet(vector: dict[str, Any]) -> None:
     assert build_frame(message, frame.serial, crc, frame.origin) == data
 
 
-@pytest.mark.parametrize('name', ['mpeg2', 'iso_hdlc'])
-def test_crc_check_value(name: str) -> None:
-    assert Crc(name).of(b'123456789') == int(VECTORS['crc'][name]['123456789'], 16)
-
-
 def test_layouts_worked_out_by_hand() -> None:
     assert PeriodicOutput(3, b'\xaa\xbb').to_bytes() == b'\x03\x00\xaa\xbb'
     assert CommandOutput(0x0201, bytes(range(16))).to_bytes() == b'\x01\x02' + bytes(4) + bytes(
@@ -237,8 +232,8 @@ def test_states_in_the_manuals_words() -> None:
 
 
 def test_field_takes_whole_numbers_only() -> None:
-    with pytest.raises(ValueError, match='armed_ru must be a whole number'):
-        PeriodicInput(armed_ru=5.0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match='the command ID must be a whole number'):
+        AcknowledgeOutput(5.0)  # type: ignore[arg-type]
 
 
 def test_joystick_out_of_range_is_named() -> None:
@@ -275,14 +270,6 @@ def test_bursts_are_full_but_for_the_last_packet(size: int, lengths: list[int]) 
         (CommandOutput, {'command_id': 0, 'data': bytes(15)}),
         (CommandOutput, {'command_id': 0x10000, 'data': bytes(16)}),
         (AcknowledgeOutput, {'command_id': 0x10000}),
-        (PeriodicInput, {'joysticks': (0, 0, 0)}),
-        (PeriodicInput, {'switches': (0,) * 7}),
-        (PeriodicInput, {'joysticks': (0, 0, 0, 0x8000)}),
-        (PeriodicInput, {'switches': (-0x8001,) + (0,) * 7}),
-        (PeriodicInput, {'bu_state': 256}),
-        (PeriodicInput, {'c_link': -1}),
-        (PeriodicInput, {'armed_ru': 0x10000}),
-        (PeriodicInput, {'ru_battery': 256}),
         (Frame, {'kind': b'VR', 'serial': 0, 'payload': b''}),
         (Frame, {'kind': b'VRPI', 'serial': 0x10000, 'payload': b''}),
         (Frame, {'kind': b'VRPI', 'serial': 0, 'payload': b'', 'origin': 0x10000}),

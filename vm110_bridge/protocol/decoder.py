@@ -47,9 +47,8 @@ class PacketDecoder(Decoder[bytes, Packet]):
         self.crc = crc
         self.before_lock = 0  # packets that could not be checked yet
         self.other_crc = 0  # packets that the other reading would let pass
-        self.other_crc_at = (
-            self.bad_crc_at
-        ) = -math.inf  # the last of them; the last that none would
+        self.other_crc_at = -math.inf  # the last of them
+        self.bad_crc_at = -math.inf  # the last that none would
         self.other_layout_at = -math.inf  # the last sound VRPI of another revision or size
         self.no_origin_at = -math.inf  # the last one, else sound, of origin 0
 

@@ -76,18 +76,6 @@ class PeriodicInput(Message):
     encoder: int = 0
     encoder_switch: bool = False
 
-    def __post_init__(self) -> None:
-        for name in ('bu_state', 'vlaps', 'unarmed_rus', 'eg_link', 'ec_link', 'c_link'):
-            check_range(name, getattr(self, name), 0, 0xFF)
-        for name in ('ru_state', 'ru_battery', 'ru_rssi', 'ru_disabled', 'encoder'):
-            check_range(name, getattr(self, name), 0, 0xFF)
-        check_range('armed_ru', self.armed_ru, 0, 0xFFFF)
-        if len(self.joysticks) != len(AXIS_NAMES) or len(self.switches) != len(SWITCH_NAMES):
-            count = f'{len(self.joysticks)} and {len(self.switches)}'
-            raise ValueError(f'a VRPI has 4 joysticks and 8 switches, not {count}')
-        for value in self.joysticks + self.switches:
-            check_range('a joystick or switch', value, -0x8000, 0x7FFF)
-
     @property
     def faulty(self) -> tuple[str, ...]:
         """Joysticks whose position cannot be (4.1.4), such as 'joystick_2 out of range (1203)'."""

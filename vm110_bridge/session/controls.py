@@ -29,12 +29,14 @@ class Controls:
         self._ru = 0  # whose sticks were published last
 
     def permit(self, vrpi: PeriodicInput | None, *, estop: bool) -> bool:
-        """Note whether a remote is armed and enabled; tell whether that changed."""
-        armed = not estop and _is_armed(vrpi)
-        enabled = armed and _is_enabled(vrpi)
-        changed = (armed, enabled) != (self.armed, self.enabled)
-        self.armed, self.enabled = armed, enabled
-        return changed
+        """Note whether a remote is armed and enabled (4.1.1, 4.1.3); tell whether that changed."""
+        before = self.armed, self.enabled
+        self.armed = self.enabled = False
+        if vrpi is not None and not estop and vrpi.bu_state == BuState.ARMED and vrpi.armed_ru:
+            self.armed = vrpi.ru_state in (RuState.ARMED, RuState.ENABLED)
+            is_enabled = vrpi.ru_disabled == Disabled.ENABLED  # both fields have to say so
+            self.enabled = is_enabled and vrpi.ru_state == RuState.ENABLED
+        return before != (self.armed, self.enabled)
 
     def lapse(self, now: float, *, link_up: bool, estop: bool) -> list[Sticks]:
         """Return one neutral event if the sticks that were published count no more."""
@@ -80,22 +82,3 @@ class Controls:
             enabled=True,
             faulty=vrpi.faulty,
         )
-
-
-def _is_armed(vrpi: PeriodicInput | None) -> bool:
-    """Tell whether an RU is armed and not stopped (4.1.1, 4.1.3)."""
-    return (
-        vrpi is not None
-        and vrpi.bu_state == BuState.ARMED
-        and vrpi.armed_ru != 0
-        and vrpi.ru_state in (RuState.ARMED, RuState.ENABLED)
-    )
-
-
-def _is_enabled(vrpi: PeriodicInput | None) -> bool:
-    """Tell whether the armed RU's movements are allowed; by both fields that say so."""
-    return (
-        vrpi is not None
-        and vrpi.ru_state == RuState.ENABLED
-        and vrpi.ru_disabled == Disabled.ENABLED
-    )

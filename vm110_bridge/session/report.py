@@ -159,13 +159,10 @@ def other_crc(*, chosen: bool) -> Coded:
     return Coded('vm110.link.other_crc', f'{remedy}, as packets with the other CRC come')
 
 
-def device_values(vrpi: PeriodicInput | None) -> dict[str, Any]:
-    """Return what base unit and remote say; the state tells silence from a state of theirs."""
-    return {'BU state': 'Not heard'} if vrpi is None else vrpi_values(vrpi)
-
-
-def vrpi_values(vrpi: PeriodicInput) -> dict[str, Any]:
-    """Return states, links and the armed remote, in the manual's words."""
+def vrpi_values(vrpi: PeriodicInput | None) -> dict[str, Any]:
+    """Return states, links and the armed remote, in the manual's words; None: nothing comes."""
+    if vrpi is None:
+        return {'BU state': 'Not heard'}
     values: dict[str, Any] = {
         'BU state': state_name(vrpi.bu_state),
         'VLAPs': vrpi.vlaps,

@@ -41,7 +41,7 @@ from vm110_bridge.session.inbox import CommandInbox
 from vm110_bridge.session.lateness import Lateness
 from vm110_bridge.session.origin import MEMORY, Origin
 from vm110_bridge.session.outbox import CommandOutbox
-from vm110_bridge.session.serials import Arrival
+from vm110_bridge.session.serials import Arrival, WINDOW
 from vm110_bridge.session.settings import Settings
 from vm110_bridge.session.stops import StopJudge
 
@@ -79,9 +79,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._pacer = Pacer(settings.output_period)
         self._output = bytes(settings.periodic_output_size)
         self._serial = 0
-        self._offered: dict[
-            bytes, tuple[int, Message]
-        ] = {}  # by the last poll: serial and message
+        self._offered: dict[bytes, tuple[int, Message]] = {}  # by the last poll: serial, message
         self._acknowledgements: list[int] = []  # that are owed
         self._unheard_at = -math.inf  # a command found no listener
         self._has_news = False  # a VRPI was taken in that is not published yet
@@ -119,23 +117,23 @@ class Session(BaseSession[bytes, Packet, Event]):
         it could perhaps not be rearmed. Two devices that are both stopped, each waiting for the
         other one's release, would wait for ever.
         """
-        open_by_itself = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
-        return self.hold_asked and not (open_by_itself and self.own_estop)
+        is_open = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
+        return self.hold_asked and not (is_open and self._stops.verdict().own_estop)
 
     def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken joysticks as errors, and warnings."""
         problems = super().problems(now)
         warnings = [] if self.vrpi is None else report.warnings(self.vrpi)
-        lateness = self._lateness
-        if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
-            warnings.append(report.late(lateness))
         problems += [(Level.ERROR, text) for text in report.faults(self.faulty)]
         if self.link_up:
+            lateness, heard = self._lateness, self._hold_heard
+            if lateness.lag >= lateness.limit / 2 and not lateness.is_late:
+                warnings.append(report.late(lateness))
             warnings += report.others(self.origin.others(now), self.origin.bu_id)
             if self._stops.is_disobeyed:
                 problems.append((Level.ERROR, report.DEAF))
             elif self.hold_asked:
-                silent = '' if self._hold_output else self._hold_heard.describe(now)
+                silent = heard.describe(now) if heard.expired(now) else ''
                 warnings.append(report.hold(withheld=self.output_held, silent=silent))
         if now - self._unheard_at < MEMORY:
             warnings.append(report.UNHEARD)
@@ -157,7 +155,7 @@ class Session(BaseSession[bytes, Packet, Event]):
             'hold output in use': self.hold_output_in_use,
             'VRPO withheld': self.output_held,
             'later than before (s)': self._lateness.lag,
-            **(report.vrpi_values(self.vrpi) if self.vrpi is not None else {}),
+            **report.vrpi_values(self.vrpi),
             **self.packets,
         }
 
@@ -221,8 +219,10 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._lateness.passed()
         elif arrival is Arrival.NEW:
             self._lateness.heard(packet.serial, now)
-        elif arrival is not Arrival.LATE and not self.link_up:
-            self._lateness.begin()  # a base unit that was restarted: its numbers may go on by luck
+        elif packet.serial < WINDOW and arrival is not Arrival.LATE and not self.link_up:
+            # A base unit that was restarted: its numbers may go on by luck. Greater ones are more
+            # likely copies that came a slower way, whose next packets are late.
+            self._lateness.begin()
 
     def _take_input(self, message: Input, arrival: Arrival, now: float) -> None:
         if arrival is Arrival.COPY:
@@ -248,7 +248,8 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        if not self.link_up or self._is_interrupted(now) or self.origin.sender.is_doubled(now):
+        unsure = self.origin.sender.is_doubled(now) or self._lateness.is_late
+        if not self.link_up or self._is_interrupted(now) or unsure:
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
@@ -287,13 +288,12 @@ class Session(BaseSession[bytes, Packet, Event]):
             return report.RESTARTING
         if now - self._packets.other_crc_at < MEMORY:
             return report.other_crc(chosen=self.settings.crc != 'auto')
-        if now - self._packets.other_layout_at < MEMORY:
-            return report.OTHER_LAYOUT
-        if now - self._packets.no_origin_at < MEMORY:
-            return report.NO_ORIGIN
-        if now - self._packets.bad_crc_at < MEMORY:
-            return report.WRONG_CRC
-        return report.NO_CAUSE
+        hints = (
+            (self._packets.other_layout_at, report.OTHER_LAYOUT),
+            (self._packets.no_origin_at, report.NO_ORIGIN),
+            (self._packets.bad_crc_at, report.WRONG_CRC),
+        )
+        return next((hint for at, hint in hints if now - at < MEMORY), report.NO_CAUSE)
 
     def _follow(self, now: float) -> None:
         if not self.link_up:
@@ -303,7 +303,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         for sticks in self.controls.lapse(now, link_up=self.link_up, estop=self.estop):
             self._emit(sticks)
         self._follow_remote()
-        self._follow_device(now)
+        self._follow_device()
         if self.link_up:
             ended = self.outbox.expire(now)
         else:
@@ -325,9 +325,9 @@ class Session(BaseSession[bytes, Packet, Event]):
             self._remote = remote
             self._emit(RemoteState(remote))
 
-    def _follow_device(self, now: float) -> None:
-        values = report.device_values(self.vrpi)
-        told = (self.verdict, self.origin.sender.is_doubled(now), values)
+    def _follow_device(self) -> None:
+        values = report.vrpi_values(self.vrpi)
+        told = (self.verdict, values)
         if told == self._told:
             return
         self._told = told

@@ -50,6 +50,16 @@ _TO_DO = {
     ),
 }
 _UNKNOWN = 'check which version of the manual the system follows'
+_ECHO = Coded(
+    'vm110.hold.echo',
+    'rearm the remote when the cause of hold_output is gone: BU state is External link error, as '
+    'hold_output asks (VRPO are withheld)',
+)
+_ECHO_STILL = Coded(
+    'vm110.hold.echo',
+    'rearm the remote: BU state is External link error, still from hold_output, which asks no '
+    'more',
+)
 
 
 class StopJudge:
@@ -109,28 +119,19 @@ class StopJudge:
         return max(self._verdict_of(self._newest), self._late, key=_severity)
 
     def _verdict_of(self, vrpi: PeriodicInput) -> Verdict:
-        only_output = _in_error(vrpi) and _only_output_missing(vrpi)
+        # Do missing VRPO alone explain it?
+        links = vrpi.eg_link in _WITHOUT_OUTPUT and vrpi.ec_link in _EC_IN_ORDER
+        only_output = _in_error(vrpi) and links
         echo = self._echo and only_output
         own = [] if echo else _bu_reasons(vrpi, missed=self._missed and only_output)
         own += _ru_reasons(vrpi)
-        reasons = [self._echo_reason(), *own] if echo else own
+        reasons = [_ECHO if self._holding else _ECHO_STILL, *own] if echo else own
         return Verdict(bool(reasons), bool(own), reasons=tuple(reasons))
 
     def _may_be_ours(self, now: float) -> bool:
         if self._holding:
             return now - self._output_at >= LEAST_SILENCE
         return self._silence >= LEAST_SILENCE and now - self._released_at < ECHO_DELAY
-
-    def _echo_reason(self) -> Coded:
-        state = 'BU state is External link error'
-        if self._holding:
-            text = (
-                f'rearm the remote when the cause of hold_output is gone: {state}, as hold_output '
-                'asks (VRPO are withheld)'
-            )
-        else:
-            text = f'rearm the remote: {state}, still from hold_output, which asks no more'
-        return Coded('vm110.hold.echo', text)
 
 
 def _severity(verdict: Verdict) -> int:
@@ -177,8 +178,3 @@ def _ru_reasons(vrpi: PeriodicInput) -> list[Coded]:
         'free fall, shock or a fatal error)'
     )
     return [Coded('vm110.ru.stopped', text)]
-
-
-def _only_output_missing(vrpi: PeriodicInput) -> bool:
-    """Tell whether missing VRPO alone explain an external link error."""
-    return vrpi.eg_link in _WITHOUT_OUTPUT and vrpi.ec_link in _EC_IN_ORDER

@@ -34,6 +34,11 @@ LOST: dict[str, BuState | None] = {
 }
 
 
+def _whole(low: float, high: float) -> Callable[[str], int]:
+    """Return what reads a number within these."""
+    return lambda text: int(within(text, low, high))
+
+
 @dataclass(slots=True)
 class _Command:
     """A VRCI on its way."""
@@ -343,9 +348,6 @@ class Simulator:
     def _remote(self, name: str) -> Remote:
         return self.remotes[one_of(self.remotes, name)]
 
-    def _fail(self) -> None:
-        self.failed = True
-
     def _set_stick(self, name: str, number: str, value: str) -> None:
         place = int(within(number, 1, 4)) - 1
         self._remote(name).joysticks[place] = round(1000 * within(value, -1.0, 1.0))
@@ -357,15 +359,6 @@ class Simulator:
     def _turn_encoder(self, name: str, steps: str) -> None:
         self._remote(name).encoder += int(within(steps, -1000, 1000))
 
-    def _set_flag(self, field_name: str, name: str, value: str) -> None:
-        setattr(self._remote(name), field_name, switch(value))
-
-    def _set_battery(self, name: str, value: str) -> None:
-        self._remote(name).battery = int(within(value, 0, 100))
-
-    def _set_rssi(self, name: str, value: str) -> None:
-        self._remote(name).rssi = int(within(value, 0, 100))
-
     def _set_lost(self, state: str) -> None:
         """Be in this state once the armed remote is lost, or say nothing more."""
         self.lost = LOST[one_of(LOST, state)]
@@ -373,27 +366,6 @@ class Simulator:
     def _set_timeout(self, seconds: str) -> None:
         """Wait so long for VRPO."""
         self.output_timeout = within(seconds, 0.1, 60.0)
-
-    def _set_vlaps(self, value: str) -> None:
-        self.vlaps = int(within(value, 0, 3))
-
-    def _set_g_link(self, value: str) -> None:
-        self.g_link = switch(value)
-
-    def _set_ec_link(self, value: str) -> None:
-        self.ec_link = int(within(value, 0, 5))
-
-    def _set_answers(self, value: str) -> None:
-        self.answers = switch(value)
-
-    def _set_lose(self, count: str) -> None:
-        self.lose = int(within(count, 0, 1e6))
-
-    def _set_double(self, count: str) -> None:
-        self.double = int(within(count, 0, 1e6))
-
-    def _set_swap(self) -> None:
-        self.swap = True
 
     def _send_command(self, data: str) -> None:
         content = bytes.fromhex(data)
@@ -405,6 +377,16 @@ class Simulator:
             _Command(self._command_id, content.ljust(16, b'\0'), self._now, give_up_at)
         )
 
+    @staticmethod
+    def _sets(field: str, read: Callable[[str], Any]) -> Callable[[Simulator, str], None]:
+        """Return what sets a field to what is read."""
+        return lambda unit, text: setattr(unit, field, read(text))
+
+    @staticmethod
+    def _sets_remote(field: str, read: Callable[[str], Any]) -> Callable[..., None]:
+        """Return what sets a field of a remote."""
+        return lambda unit, name, text: setattr(unit._remote(name), field, read(text))
+
     # Words: usage, and what obeys.
     commands: dict[str, tuple[str, Callable[..., None]]] = {
         'arm': ('RU', arm),
@@ -412,37 +394,26 @@ class Simulator:
         'stick': ('RU 1..4 -1..1', _set_stick),
         'switch': ('RU 1..8 -1..1000', _set_switch),
         'encoder': ('RU STEPS', _turn_encoder),
-        'battery': ('RU 0..100', _set_battery),
-        'rssi': ('RU 0..100', _set_rssi),
-        'vlaps': ('0..3', _set_vlaps),
+        'battery': ('RU 0..100', _sets_remote('battery', _whole(0, 100))),
+        'rssi': ('RU 0..100', _sets_remote('rssi', _whole(0, 100))),
+        'vlaps': ('0..3', _sets('vlaps', _whole(0, 3))),
         'lost': ('STATE', _set_lost),
         'timeout': ('SECONDS', _set_timeout),
-        'glink': ('on|off', _set_g_link),
-        'eclink': ('0..5', _set_ec_link),
+        'glink': ('on|off', _sets('g_link', switch)),
+        'eclink': ('0..5', _sets('ec_link', _whole(0, 5))),
         'command': ('HEX', _send_command),
-        'answers': ('on|off', _set_answers),
-        'lose': ('PACKETS', _set_lose),
-        'double': ('PACKETS', _set_double),
-        'swap': ('', _set_swap),
+        'answers': ('on|off', _sets('answers', switch)),
+        'lose': ('PACKETS', _sets('lose', _whole(0, 1e6))),
+        'double': ('PACKETS', _sets('double', _whole(0, 1e6))),
+        'swap': ('', lambda unit: setattr(unit, 'swap', True)),
         'shock': ('RU', _shock),
-        'fail': ('', _fail),
+        'fail': ('', lambda unit: setattr(unit, 'failed', True)),
         'reboot': ('', reboot),
+        'stop': ('RU on|off', _sets_remote('stopped', switch)),
+        'tilt': ('RU on|off', _sets_remote('tilted', switch)),
+        'inactive': ('RU on|off', _sets_remote('inactive', switch)),
+        'dock': ('RU on|off', _sets_remote('docked', switch)),
+        'cable': ('RU on|off', _sets_remote('cable', switch)),
+        'radio': ('RU on|off', _sets_remote('radio', switch)),
+        'push': ('RU on|off', _sets_remote('encoder_switch', switch)),
     }
-
-
-def _flag(field_name: str) -> tuple[str, Callable[..., None]]:
-    def act(simulator: Simulator, name: str, value: str) -> None:
-        simulator._set_flag(field_name, name, value)
-
-    return 'RU on|off', act
-
-
-Simulator.commands |= {
-    'stop': _flag('stopped'),
-    'tilt': _flag('tilted'),
-    'inactive': _flag('inactive'),
-    'dock': _flag('docked'),
-    'cable': _flag('cable'),
-    'radio': _flag('radio'),
-    'push': _flag('encoder_switch'),
-}
