@@ -285,7 +285,7 @@ class Wire(Generic[FrameT]):
                 self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
             if ready([self._opener.fileno()], min(left, self._pace_at - now)):
                 self._opener.heard()
-            now = clock.now()
+            now = self._stepped_at = clock.now()  # no freeze, and no port is open
             self._take_opened(now)
 
     def _say_farewell(self, active: Active[FrameT], now: float) -> None:
