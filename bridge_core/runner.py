@@ -114,6 +114,8 @@ def run(
     :param last: the process ends with the nodes, as it does anyway where no args are given.
     """
     fill_standard_descriptors()
+    if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # by who has started this
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # or nobody learns how a wire has ended
     argv = list(sys.argv if args is None else args)
     if last or args is None:
         close_inherited_descriptors(argv)
