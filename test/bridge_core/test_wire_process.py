@@ -84,14 +84,9 @@ def spare(monkeypatch: pytest.MonkeyPatch) -> Iterator[Spare]:
     spare.node._socket.close()
 
 
-def test_spare_says_that_it_is_ready_and_is_the_wire_once_told(spare: Spare) -> None:
-    assert spare.node.wait_for_turn()
-    assert spare.heard == ['beat']
-    assert spare.names == ['spare wire', 'wire']
-
-
 def test_process_runs_its_wire_and_takes_its_threads_along(spare: Spare) -> None:
     spare.run()
+    assert spare.names == ['spare wire', 'wire']
     assert spare.wires == [{'reconnect_period': 2.5, 'tap': None, 'patience': 3.0}]
     assert spare.heard == ['beat', 'runs']
     assert spare.ends == [0]
