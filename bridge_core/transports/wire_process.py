@@ -278,10 +278,10 @@ def _end_for(before: int, in_force: InForce, node: Node, bridge: Bridge[Any]) ->
 
     Its port may be held for a moment longer. A wire that hangs is killed: nobody else can.
     """
-    if before >= 0 and not _ends(before, _WIRE_TIME):
+    if before >= 0 and not ready([before], _WIRE_TIME):  # its pidfd
         with contextlib.suppress(ProcessLookupError):
             signal.pidfd_send_signal(before, signal.SIGKILL)
-        _ends(before, _WIRE_TIME)
+        ready([before], _WIRE_TIME)
     end = clock.now() + _TRY_TIME
     while requests := in_force.read():
         node.wire = Wire(bridge, node, _Rest(requests), patience=_OPEN_TIME)
@@ -289,8 +289,3 @@ def _end_for(before: int, in_force: InForce, node: Node, bridge: Bridge[Any]) ->
         if node.wire.left_safe or clock.now() >= end:
             break
         time.sleep(_TRY_PERIOD)
-
-
-def _ends(process: int, timeout: float) -> bool:
-    """Wait for the end of a process, which is a pidfd; tell whether it came."""
-    return bool(ready([process], timeout))
