@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 
 from bridge_core import clock
 from bridge_core.cdr import reader_of
-from bridge_core.rclpy_inner import Topic, Waiter
+from bridge_core.rclpy_inner import LANE_NODE, Topic, waiter_of
 from bridge_core.thread_name import show_thread
 
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
@@ -67,7 +67,7 @@ class Lane:
         self._report_at = -math.inf
         self.malformed = 0  # messages that nobody can read, and nobody got
         self.fault: Future[None] = Future()  # that has ended the thread
-        self._waiter = Waiter(node, self._guarded)
+        self._waiter = waiter_of(node, name, self._guarded)
 
     # What it waits for. All of this may be used in any thread, before and after the start.
 
@@ -112,7 +112,7 @@ class Lane:
             (entry,) = (each for each in self._topics if each.subscription is subscription)
             entry.wanted = False
             self._topics = tuple(each for each in self._topics if each is not entry)
-        self._node.destroy_subscription(entry.subscription)
+        self._waiter.unsubscribe(entry)
         self._waiter.wake()
 
     def _read(
@@ -255,6 +255,14 @@ def waited(info: Mapping[str, Any]) -> float:
     """Return the seconds since the middleware took a message in; 0 if it does not tell."""
     received: int = info['received_timestamp']
     return max(0.0, (time.time_ns() - received) * 1e-9) if received else 0.0
+
+
+def owner_of(name: str) -> str:
+    """Return the node that a node of this name listens for: itself, or the one with the lane."""
+    prefix, suffix = LANE_NODE.split('{}')
+    if name.startswith(prefix) and name.endswith(suffix):
+        return name.removeprefix(prefix).removesuffix(suffix)
+    return name
 
 
 def _settle(future: 'Future[Any]', function: Callable[..., Any], args: tuple[Any, ...]) -> None:

@@ -6,7 +6,7 @@ All that is used of rclpy beside its public API, as it is in Jazzy (rclpy 7.1).
 
 | of rclpy | for | where it is another |
 | --- | --- | --- |
-| ``_rclpy_pybind11.WaitSet``, ``handle`` | lanes wait without an executor | they end the process |
+| ``_rclpy_pybind11.WaitSet``, ``handle`` | lanes wait without an executor | the public executor |
 | ``Subscription.handle.take_message`` | a look without waiting | AttributeError |
 | ``Node._parameter_overrides`` | what was given at the start | AttributeError, at the start |
 | ``LifecycleNode._callbacks`` | a fault in a transition ends the node | it is answered alone |
@@ -15,6 +15,7 @@ All that is used of rclpy beside its public API, as it is in Jazzy (rclpy 7.1).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,11 +24,13 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 
 DISTRIBUTION = 'jazzy'  # of which all of this is known
+LANE_NODE = '_{}_lane'  # the name of the small node of a node
 _BATCH = 20  # messages of one topic before the next topic has its turn
 
 
@@ -59,6 +62,70 @@ class Topic:
     urgent: bool = True
     subscription: Any = None
     wanted: bool = True
+
+
+class Waiter(ABC):
+    """What a lane waits by. Subscribing and waking may be done in any thread."""
+
+    def __init__(self, node: Node, guard: Any, guarded: Callable[..., Any]) -> None:
+        self._node = node  # that has the subscriptions
+        self._guard = guard
+        self._guarded = guarded
+
+    @abstractmethod
+    def subscribe(self, topic: Topic, name: str, qos: Any) -> None:
+        """Make ``topic.subscription``."""
+
+    def unsubscribe(self, topic: Topic) -> None:
+        """Destroy it."""
+        self._node.destroy_subscription(topic.subscription)
+
+    def wake(self) -> None:
+        """End a wait."""
+        with suppress(InvalidHandle):  # the thread has ended
+            self._guard.trigger()
+
+    @abstractmethod
+    def wait(
+        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
+    ) -> None:
+        """
+        Wait for messages, so many seconds at most, and call their callbacks.
+
+        :param urgent: wait for urgent topics alone; the others are read after the wait.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Wait no more."""
+
+
+def wait_set_works(context: Any) -> bool:
+    """Tell whether rclpy has the inner wait set that lanes were written for (rclpy 7.1)."""
+    try:
+        guard = GuardCondition(None, None, context=context)
+        guard.trigger()
+        wait_set = make_wait_set(context, 0)
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(guard.handle)
+        wait_set.wait(0)
+        return bool(wait_set.is_ready('guard_condition', 0)) and all(
+            hasattr(_rclpy.Subscription, name) for name in ('take_message', '__enter__')
+        )
+    except (AttributeError, TypeError):
+        return False
+
+
+def waiter_of(node: Node, name: str, guarded: Callable[..., Any]) -> Waiter:
+    """
+    Return what a lane waits by.
+
+    :param name: of the lane. :param guarded: calls, and reports what fails.
+    """
+    if wait_set_works(node.context):
+        return _WaitSetWaiter(node, guarded)
+    node.get_logger().info(f'{name}: by the executor of rclpy, whose wait set is another')
+    return _ExecutorWaiter(node, guarded)
 
 
 def make_wait_set(context: Any, subscriptions: int, clients: int = 0) -> Any:
@@ -95,28 +162,22 @@ class NotForExecutors(CallbackGroup):
         """Nothing was begun."""
 
 
-class Waiter:
+class _WaitSetWaiter(Waiter):
     """
-    What a lane waits by: the inner wait set of rclpy, as its executor does.
+    Waits on the inner wait set of rclpy, as its executor does.
 
     The set holds raw pointers, so the lane's thread holds all handles for as long as it is in use:
-    a subscription that is destroyed meanwhile is gone when the set is made anew. Subscribing and
-    waking may be done in any thread.
-
-    :param guarded: calls, and reports what fails.
+    a subscription that is destroyed meanwhile is gone when the set is made anew.
     """
 
     def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
-        self._node = node
-        self._guard = GuardCondition(None, None, context=node.context)
-        self._guarded = guarded
+        super().__init__(node, GuardCondition(None, None, context=node.context), guarded)
         self._group = NotForExecutors()
         self._topics: tuple[Topic, ...] = ()  # as given for the set
         self._held: list[tuple[Topic, Any]] = []  # with their handles
         self._set: Any = None
 
     def subscribe(self, topic: Topic, name: str, qos: Any) -> None:
-        """Make ``topic.subscription``."""
         topic.subscription = self._node.create_subscription(
             topic.kind,
             name,
@@ -126,19 +187,9 @@ class Waiter:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wake(self) -> None:
-        """End a wait."""
-        with suppress(InvalidHandle):  # the thread has ended
-            self._guard.trigger()
-
     def wait(
         self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
     ) -> None:
-        """
-        Wait for messages, so many seconds at most, and call their callbacks.
-
-        :param urgent: wait for urgent topics alone; the others are read after the wait.
-        """
         if self._set is None or topics is not self._topics:
             self._make_set(topics)
         wait_set = self._set
@@ -182,6 +233,51 @@ class Waiter:
         self._held = []
 
     def close(self) -> None:
-        """Wait no more."""
         self._release()
         self._guard.destroy()
+
+
+class _ExecutorWaiter(Waiter):
+    """
+    Waits by the public executor, on a small node of its own, where rclpy has no known wait set.
+
+    Names are resolved by the node that the lane belongs to, with its namespace and remappings.
+    """
+
+    def __init__(self, node: Node, guarded: Callable[..., Any]) -> None:
+        self._owner = node
+        own = Node(
+            LANE_NODE.format(node.get_name()),
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        super().__init__(own, own.create_guard_condition(lambda: None), guarded)
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(own)
+
+    def subscribe(self, topic: Topic, name: str, qos: Any) -> None:
+        def on_message(message: Any, info: dict[str, Any]) -> None:
+            if topic.wanted:
+                self._guarded(topic.callback, message, info)
+
+        topic.subscription = self._node.create_subscription(
+            topic.kind,
+            self._owner.resolve_topic_name(name),
+            on_message,
+            qos,
+            raw=topic.raw,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    def wait(
+        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
+    ) -> None:
+        del topics, urgent
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()

@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64, UInt8MultiArray
 
 from bridge_core import clock
+from bridge_core.lane import owner_of
 from bridge_core.managed_node import ManagedNode
 from bridge_core.proof_topics import PROOF_QOS
 from bridge_core.publishers import PublisherWatch
@@ -256,6 +257,6 @@ class ButtonTopic:
 def listeners_of(node: ManagedNode, topic: str) -> list[str]:
     """Return the names of other nodes that listen to a topic."""
     infos = node.get_subscriptions_info_by_topic(topic)
-    nodes = ((info.node_namespace, info.node_name) for info in infos)
+    nodes = ((info.node_namespace, owner_of(info.node_name)) for info in infos)
     own = node.get_namespace(), node.get_name()
     return [name for space, name in nodes if (space, name) != own]

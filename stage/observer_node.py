@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from bridge_core.managed_node import Quiet
-from bridge_core.rclpy_inner import make_wait_set, take_message
+from bridge_core.rclpy_inner import make_wait_set, take_message, wait_set_works
 
 
 class Beat:
@@ -48,8 +48,8 @@ class ObserverNode(Quiet, Node):
     """
     Without services for its parameters, which nobody asks for, and without event handlers.
 
-    ``take`` waits on one wait set that stays, as lanes do: an executor's takes more than all
-    messages do. Its timers are steady and have one phase.
+    ``take`` waits on one wait set that stays, where rclpy has the one that lanes have, too: an
+    executor's takes more than all messages do. Its timers are steady and have one phase.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -68,6 +68,7 @@ class ObserverNode(Quiet, Node):
         self._guard = GuardCondition(None, None, context=self.context)  # of an empty set
         self._set: Any = None  # for what is waited for
         self._waited: tuple[tuple[Any, ...], tuple[Any, ...]] | None = None
+        self._works = wait_set_works(self.context)
 
     def create_timer(self, period: float, callback: Callable[[], object]) -> Beat:
         """Have a function called each ``period`` s."""
@@ -93,7 +94,10 @@ class ObserverNode(Quiet, Node):
             self._ready.popleft()()
 
     def _wait(self, seconds: float) -> None:
-        """Note what has something, after so long at most."""
+        """Note what has something, after so long at most; without a set, process it."""
+        if not self._works:
+            self._executor.spin_once(timeout_sec=seconds)
+            return
         waited = subscriptions, clients = tuple(self.subscriptions), tuple(self.clients)
         if waited != self._waited:
             self._set = make_wait_set(self.context, len(subscriptions), len(clients))

@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The way of a stop through a node."""
+"""The way of a stop through a node, on rclpy's wait set and on its public executor."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import wait
@@ -58,11 +58,23 @@ class Rig:
         self.talker.destroy_node()
 
 
+@pytest.fixture(params=['wait set', 'executor'], autouse=True)
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run each test both ways."""
+    if request.param == 'executor':
+        monkeypatch.setattr(rclpy_inner, 'wait_set_works', lambda context: False)
+    return str(request.param)
+
+
 @pytest.fixture
 def rig(context: Context) -> Iterator[Rig]:
     result = Rig(context)
     yield result
     result.close()
+
+
+def test_lane_waits_by_the_wait_set_where_there_is_one(rig: Rig, way: str) -> None:
+    assert isinstance(rig.lane._waiter, rclpy_inner._WaitSetWaiter) == (way == 'wait set')
 
 
 def test_messages_come_in_order_with_their_numbers(rig: Rig) -> None:
@@ -91,6 +103,12 @@ def test_lane_tells_its_subscriptions_which_have_the_namespace_of_the_node(rig: 
     assert rig.lane.subscriptions == [second]
 
 
+def test_group_of_a_lane_lets_no_executor_begin() -> None:
+    group = rclpy_inner.NotForExecutors()
+    assert not group.can_execute(object())
+    assert not group.beginning_execution(object())
+
+
 def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
     """All depth's worth that waits at once is read, with other topics and calls going on."""
     stops: list[bool] = []
@@ -109,7 +127,7 @@ def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
     assert stops == sent
 
 
-def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig) -> None:
+def test_flood_of_one_topic_leaves_others_their_turn(rig: Rig, way: str) -> None:
     order: list[str] = []
     first = rig.lane.subscribe(Int32, 'first', lambda *_: order.append('first'), 500)
     rig.lane.subscribe(Int32, 'second', lambda *_: order.append('second'), 10)
@@ -160,8 +178,10 @@ def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.Monkey
 
 
 def test_set_is_made_anew_for_other_topics_alone(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    rig: Rig, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if way != 'wait set':
+        return
     real, made = rclpy_inner.make_wait_set, []
 
     def make_counted(*arguments: Any) -> Any:
@@ -420,7 +440,9 @@ def test_timer_is_called_when_it_is_due(
     assert rig.heard == called
 
 
-def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(rig: Rig) -> None:
+def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(
+    rig: Rig, way: str
+) -> None:
     rig.lane.subscribe(Int32, 'sticks', rig.hear, 10, urgent=False)
     say_sticks, say_stop = rig.publisher('sticks'), rig.listen('stop')
     rig.lane.rests = True
@@ -428,9 +450,10 @@ def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(rig:
     say_stop(0)
     rig.wait_heard(0)  # it waits now, and nothing wakes it that came before
     say_sticks(1)
-    time_out = clock.now() + 0.3
-    while clock.now() < time_out:
-        assert rig.heard == [0]
+    if way == 'wait set':  # the executor waits for all
+        time_out = clock.now() + 0.3
+        while clock.now() < time_out:
+            assert rig.heard == [0]
     say_stop(2)
     rig.wait_heard(0, 1, 2)
     rig.lane.post(lambda: setattr(rig.lane, 'rests', False))
@@ -568,3 +591,11 @@ def test_lane_that_hangs_is_silent_alone(
     finally:
         gate.set()
         other.close()
+
+
+@pytest.mark.parametrize(
+    ('name', 'owner'),
+    [('_safety_mux_lane', 'safety_mux'), ('safety_mux', 'safety_mux'), ('fast_lane', 'fast_lane')],
+)
+def test_owner_of_the_small_node_of_a_lane_is_named(name: str, owner: str) -> None:
+    assert lane_module.owner_of(name) == owner

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 
@@ -35,6 +36,7 @@ def test_inner_api_is_known_of_the_distribution_that_runs(context: Context) -> N
         seen.append(callback)
         return callback
 
+    assert rclpy_inner.wait_set_works(context)
     assert rclpy_inner.given_parameters(node) == {'a': 3}
     rclpy_inner.wrap_transitions(node, wrap)
     assert node.on_activate in seen
@@ -50,3 +52,43 @@ def test_callbacks_that_are_elsewhere_are_left_alone() -> None:
     assert vars(node) == {}
     with pytest.raises(AttributeError, match='_parameter_overrides'):
         rclpy_inner.given_parameters(node)
+
+
+class OtherWaitSet:
+    """As rclpy's, but for one method that it has not, or that finds nothing."""
+
+    def __init__(self, lacks: str, *arguments: Any) -> None:
+        self._lacks = lacks
+        self._real = _rclpy.WaitSet(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == self._lacks:
+            raise AttributeError(name)
+        return (lambda *_: False) if f'{name} finds' == self._lacks else getattr(self._real, name)
+
+
+def other_rclpy(lacks: str) -> Any:
+    subscription = {'take_message': None, '__enter__': None}
+    subscription.pop(lacks, None)
+    found = {
+        'WaitSet': lambda *arguments: OtherWaitSet(lacks, *arguments),
+        'Subscription': SimpleNamespace(**subscription),
+    }
+    found.pop(lacks, None)
+    if lacks == 'arguments':
+        found['WaitSet'] = lambda context: None
+    return SimpleNamespace(**found)
+
+
+@pytest.mark.parametrize(
+    'lacks',
+    [
+        *('WaitSet', 'arguments', 'Subscription', 'take_message', '__enter__'),
+        *('clear_entities', 'add_guard_condition', 'wait', 'is_ready', 'is_ready finds'),
+    ],
+)
+def test_wait_set_that_is_another_is_not_used(
+    context: Context, monkeypatch: pytest.MonkeyPatch, lacks: str
+) -> None:
+    monkeypatch.setattr(rclpy_inner, '_rclpy', other_rclpy(lacks))
+    assert not rclpy_inner.wait_set_works(context)

@@ -22,6 +22,7 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Header
 
 from bridge_core.cdr import bool_message
+from bridge_core.lane import owner_of
 from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.node import SafetyMux
 from safety_mux.outputs import command_of, GatedJoy, Repeated
@@ -492,6 +493,8 @@ def test_buttons_that_are_pressed_instead_of_the_deadman_are_named(step_mux: Ste
         ),
         (['status_page', 'esi_drive_bridge'], ''),
         (['diff_drive_controller'], ''),
+        ([owner_of('_esi_drive_bridge_lane')], ''),
+        ([owner_of('_status_page_lane')], '~/command, but for status_page'),
     ],
 )
 def test_who_only_looks_at_commands_is_nobody_who_obeys(listeners: list[str], said: str) -> None:
