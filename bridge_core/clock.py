@@ -11,9 +11,7 @@ so that they can tell each other moments.
 
 import time
 
-_CLOCK = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)  # the latter where it is not Linux
-
 
 def now() -> float:
     """Return the seconds since some moment in the past, sleep of the computer included."""
-    return time.clock_gettime(_CLOCK)
+    return time.clock_gettime(time.CLOCK_BOOTTIME)

@@ -229,9 +229,9 @@ class ManagedNode(Quiet, LifecycleNode):
             raise self._fault
 
     def _declare(self) -> dict[str, Any]:
-        # rclpy cannot declare an empty list by itself.
+        # rclpy cannot declare an empty list by itself: None, to the YAML parser of ROS.
         given = {
-            name: _plain(value)
+            name: [] if value is None else _plain(value)
             for name, value in given_parameters(self).items()
             if not is_ros_parameter(name)
         }
@@ -270,10 +270,9 @@ class ManagedNode(Quiet, LifecycleNode):
 
 
 def _plain(value: Any) -> Any:
-    """Return an array parameter, which rclpy keeps in several types, as a list; so for ``[]``."""
-    if value is None:  # what an empty list and nothing at all are to the YAML parser of ROS
-        return []
-    return value if isinstance(value, bool | int | float | str) else list(value)
+    """Return an array parameter, which rclpy keeps in several types, as a list."""
+    is_one = value is None or isinstance(value, bool | int | float | str)
+    return value if is_one else list(value)
 
 
 def _descriptor(parameter: Parameter) -> Any:

@@ -147,21 +147,21 @@ _Loader.yaml_implicit_resolvers = {None: [(_PLAIN, re.compile(''))]}
 _Loader.add_constructor(_PLAIN, lambda loader, node: _scalar(node.value))
 
 
-def _named_sections(file: Path) -> list[tuple[str, Any]]:
-    """:raises ParameterError: it cannot be read or is not a parameter file."""
+def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
+    """
+    Return the parameters by the full names of sections.
+
+    :raises ParameterError: it cannot be read or is not a parameter file.
+    """
     try:
         content = _Loader(file.read_bytes()).get_single_data()
         if not isinstance(content, dict):
             raise ValueError('is not a map from node names to parameters')
-        return [*_sections(content, '')]
+        found = [*_sections(content, '')]
     except Exception as error:  # of the file, of PyYAML
         raise ParameterError(f'parameter file {file}: {" ".join(str(error).split())}') from error
-
-
-def _all_sections(file: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters by the full names of sections. :raises ParameterError: as above."""
     sections: dict[str, dict[str, Any]] = {}
-    for name, value in _named_sections(file):
+    for name, value in found:
         if name in sections:
             raise ParameterError(f'parameter file {file}: section {name} {_TWICE}')
         if name.endswith('/') or '//' in name:

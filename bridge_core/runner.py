@@ -55,6 +55,7 @@ _SWITCH_INTERVAL = 0.0002
 # s; writers ask each 0.2 s. Of a reader that is frozen or was killed nothing ever comes.
 _ACKNOWLEDGE_LIMIT = 0.3
 _THREADS_LIMIT = 2.0  # s; see docs/common.md, When it is stopped
+_SPIN_LIMIT = 0.5  # s that the farewells wait for the executors
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
@@ -114,6 +115,8 @@ def run(
     :param last: the process ends with the nodes, as it does anyway where no args are given.
     """
     fill_standard_descriptors()
+    if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # by who has started this
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # or nobody learns how a wire has ended
     argv = list(sys.argv if args is None else args)
     if last or args is None:
         close_inherited_descriptors(argv)
@@ -202,7 +205,7 @@ def _run(
     finally:
         threads += filter(None, (node.lane.thread for node in nodes))
         _leave(nodes)
-        _await(threads)
+        _await(threads, _THREADS_LIMIT)
 
 
 def _refuse(text: str, node: str = '') -> int:
@@ -295,8 +298,8 @@ def _spin(nodes: Sequence[ManagedNode], end: _End, threads: list[threading.Threa
     stop.set()
     for executor in executors:
         executor.create_task(int)  # its wake() alone does not end a wait
+    _await(threads, _SPIN_LIMIT)
     for thread, executor in zip(threads, executors, strict=True):
-        thread.join(timeout=0.5)
         if not thread.is_alive():
             executor.shutdown()
     return max(statuses)
@@ -312,14 +315,14 @@ def _leave(nodes: list[ManagedNode]) -> None:
     _guarded(rclpy.try_shutdown)
 
 
-def _await(threads: Iterable[threading.Thread]) -> None:
+def _await(threads: Iterable[threading.Thread], limit: float) -> None:
     """
-    Wait for the ends of threads, at most for _THREADS_LIMIT.
+    Wait for the ends of all threads, at most for ``limit`` s.
 
     A busy machine may give one no time until then. If the interpreter's end found it amid a call
     of the middleware, the process would abort.
     """
-    end = clock.now() + _THREADS_LIMIT
+    end = clock.now() + limit
     for thread in threads:
         thread.join(max(0.0, end - clock.now()))
 

@@ -103,14 +103,6 @@ class Supervisor:
         """Note that there is a spare from now on."""
         self.spare, self._started_at = Stage.LOADING, now
 
-    def spare_loaded(self) -> None:
-        """Note that the spare is ready."""
-        self.spare = Stage.READY
-
-    def spare_ended(self) -> None:
-        """Note that it has ended, which harms nothing."""
-        self.spare = Stage.NONE
-
     def turned(self, now: float) -> None:
         """Note that the spare was given its turn: it is to run the wire."""
         if self.spare is Stage.READY:

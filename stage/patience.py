@@ -18,7 +18,7 @@ import runpy
 import sys
 from typing import Any
 
-from bridge_core import node, runner, watchdog
+from bridge_core import input_guard, runner, watchdog
 from bridge_core.transports import link, process
 from rugged_teleop.bench import commander, course
 from safety_mux import configuration
@@ -58,7 +58,7 @@ vars(runner).update(_ACKNOWLEDGE_LIMIT=TIMEOUT_FACTOR)
 vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR, STALL_LIMIT=TIMEOUT_FACTOR)
 vars(commander).update(SILENCE_LIMIT=TIMEOUT_FACTOR)
 course._LIMITS.update(dict.fromkeys(course._LIMITS, 20.0 * TIMEOUT_FACTOR))
-vars(node).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)
+vars(input_guard).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)
 
 if __name__ == '__main__':
     del sys.argv[0]

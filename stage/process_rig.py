@@ -21,6 +21,7 @@ import pytest
 from bridge_core import clock
 from bridge_core.reasons import Coded
 from bridge_core.session import StopChanged, Verdict
+from bridge_core.supervisor import Stage
 from bridge_core.transports import process
 from bridge_core.transports.child import Child
 from bridge_core.transports.process import ProcessLink
@@ -134,7 +135,7 @@ class LinkBench(StepBench):
     def _has_turn(self) -> None:
         state = self.link._state
         state.started(self.now)
-        state.spare_loaded()
+        state.spare = Stage.READY
         state.turned(self.now)
 
     def _interrupt(self, reason: str, now: float) -> None:
@@ -173,7 +174,7 @@ class LinkBench(StepBench):
         self.ours.close()
         self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.link._state.started(self.now)
-        self.link._state.spare_loaded()
+        self.link._state.spare = Stage.READY
         with theirs:
             self.link._give_turn(self._as_child(FakeProcess(2)))
             assert theirs.recv(1 << 16) == TURN

@@ -87,12 +87,6 @@ class Toy:
         """Wait for a stop, even one that is over."""
         wait_stop_since(self.observer, self.estop, cause)
 
-    def wait_reason(self, text: str, part: str = LINK) -> None:
-        self.wait(
-            lambda: text in getattr(self.diagnostics.status(part), 'message', ''),
-            f'{text!r} in the diagnostics, not {self.diagnostics.status(part)}',
-        )
-
     def names(self, wire: int) -> bool:
         return self.diagnostics.value(LINK, 'wire process') == str(wire)
 

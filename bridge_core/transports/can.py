@@ -194,4 +194,6 @@ class CanTransport:
             return f'there is no CAN interface {self._channel}; plug it in, or set channel'
         if code in _NO_CAN:
             return 'this kernel has no CAN; `modprobe can_raw`'
-        return os.strerror(code) if code else str(error) or repr(error)
+        if code is None or code <= 0:  # as that of a name which nobody knows
+            return str(error) or repr(error)
+        return os.strerror(code)

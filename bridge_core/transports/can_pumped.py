@@ -37,6 +37,7 @@ from bridge_core.transports.can_port import (
 )
 from bridge_core.transports.line import Line, STALL_TIMEOUT, STALLED
 
+_SERIAL = ('slcan', 'robotell', 'seeedstudio', 'serial')  # each has a line of its own
 _SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would delay a stop
 _RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
 _CLOSE_TIMEOUT = 0.2  # s
@@ -58,7 +59,7 @@ class PumpedPort:
     def __init__(self, options: dict[str, Any], filters: Filters, counts: Counter[str]) -> None:
         tty = None
         with contextlib.ExitStack() as held:
-            if options.get('interface') == 'slcan':
+            if options.get('interface') in _SERIAL:
                 tty = _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
             if tty is not None:
@@ -218,18 +219,20 @@ def _line_of(bus: can.BusABC) -> Line:
 
 
 def _lock_tty(channel: str, held: contextlib.ExitStack) -> int | None:
-    """Keep others that lock out of a serial adapter; pyserial's URLs have no lock."""
-    if '://' in channel:
-        return None
+    """Keep others that lock, or ask, out of a serial adapter; None: it has no tty here."""
+    name = channel.partition('@')[0]
     try:
+        if '://' in name:
+            held.enter_context(exclusive.claim(name))
+            return None
         flags = os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
-        tty = os.open(channel.split('@')[0], flags)
+        tty = os.open(name, flags)
         held.callback(os.close, tty)
         fcntl.flock(tty, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if exclusive.is_exclusive(tty):
             raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
     except OSError as error:
-        if error.errno not in (errno.EAGAIN, errno.EBUSY):
+        if error.errno not in (errno.EAGAIN, errno.EBUSY, errno.EADDRINUSE):
             raise
         writer = _stuck_writers.get(channel)
         if writer is not None and writer.is_alive():

@@ -33,10 +33,9 @@ from bridge_core.transports.can_port import (
     READS,
     RECEIVE_QUEUE_LIMIT,
 )
-from bridge_core.transports.multicast import IFF_UP, interface_flags
+from bridge_core.transports.multicast import BUSY, IFF_UP, interface_flags
 from bridge_core.waiting import writable
 
-_BUSY = (errno.EAGAIN, errno.ENOBUFS)
 _LOST = 0.5  # s; after this long without a confirmation one more frame is tried
 _AT_ONCE = 0.05  # s in which a live bus confirms that frame; what it was tried behind is lost
 _SEND_BUFFER = 4096  # bytes, of which the kernel takes 768 a frame and doubles what is asked for
@@ -160,7 +159,7 @@ class SocketCanPort:
         try:
             self._socket.send(head + frame.data.ljust(8, b'\0'), socket.MSG_DONTWAIT)
         except OSError as error:
-            if error.errno in _BUSY:
+            if error.errno in BUSY:
                 return False
             raise
         return True

@@ -14,9 +14,13 @@ import contextlib
 import errno
 import fcntl
 import os
+import socket
 import stat
 import struct
 import termios
+from urllib.parse import urlsplit
+
+from bridge_core.transports.serial_name import is_network
 
 _TIOCGEXCL = 0x80045440  # asm-generic/ioctls.h: _IOR('T', 0x40, int)
 PTY_MAJORS = range(136, 144)  # no node of another one's; their mode outlasts who has set it
@@ -69,3 +73,22 @@ def give_back(fd: int) -> None:
     if os.major(os.fstat(fd).st_rdev) not in PTY_MAJORS:
         with contextlib.suppress(OSError):
             fcntl.ioctl(fd, termios.TIOCNXCL)
+
+
+def claim(name: str) -> contextlib.ExitStack:
+    """
+    Claim a serial server, if this names one, for this process: a device file has a lock instead.
+
+    Others on this computer are kept out, as far as they ask, by whatever name they call it; a
+    server's clients elsewhere are not.
+
+    :raises OSError: another one has it, or nobody knows its name.
+    """
+    with contextlib.ExitStack() as claims:
+        if is_network(name):
+            url = urlsplit(name)
+            found = socket.getaddrinfo(url.hostname, url.port, type=socket.SOCK_STREAM)
+            for address in {each[4][0] for each in found}:
+                claimed = claims.enter_context(socket.socket(socket.AF_UNIX))
+                claimed.bind(f'\0rugged_teleop/{address}:{url.port}')
+        return claims.pop_all()

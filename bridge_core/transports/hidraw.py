@@ -21,6 +21,7 @@ import stat
 import tty
 
 from bridge_core.transports import TransportError
+from bridge_core.transports.exclusive import PTY_MAJORS
 from bridge_core.transports.hid_identity import HidIdentity, identity_of
 
 STAND_IN = 'none'  # of the devices that are allowed: what has no identity
@@ -33,7 +34,6 @@ _HINTS = {
 }
 _READS = 64  # a call: as many as the kernel buffers; bounds how long a flood delays a stop
 _READ_SIZE = 4096  # bytes; larger than any report, so that an over-long one is detected
-_PTY_MAJORS = range(136, 144)  # linux/major.h
 _NAME_IT = 'set the parameter port, or name it in hid.devices'
 
 
@@ -77,7 +77,7 @@ class HidrawTransport:
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
         if terminal:
             # A report has no checksum: bytes of another protocol could pass for reports.
-            if os.major(status.st_rdev) not in _PTY_MAJORS:
+            if os.major(status.st_rdev) not in PTY_MAJORS:
                 raise OSError(errno.ENOTTY, 'a serial port, not hidraw; set the parameter port')
             tty.setraw(self._fd)
         if self._is_stream:

@@ -34,7 +34,7 @@ _RTM_NEWADDR, _RTM_GETADDR = 20, 22
 _NLM_F_REQUEST, _NLM_F_DUMP = 0x1, 0x300  # linux/netlink.h
 _NLMSG = struct.Struct('IHHII')  # length, type, flags, sequence number, port
 _IFA_LOCAL = 2  # linux/if_addr.h
-_BUSY = (errno.EAGAIN, errno.ENOBUFS)
+BUSY = (errno.EAGAIN, errno.ENOBUFS)  # a line that takes nothing now
 
 
 class MulticastTransport:
@@ -96,10 +96,10 @@ class MulticastTransport:
             # Subscribe to changes before looking, so that none is missed in between.
             self._netlink = _open_netlink()
             self._interface = (_interface_of(address, self._flags), address)
-            self._input = self._open_input(address)
-            self._sender = self._open_sender(address)
+            received = self._open_input(address)
+            self._open_sender(address)
             self._epoll = select.epoll()
-            self._epoll.register(self._input, select.EPOLLIN)
+            self._epoll.register(received, select.EPOLLIN)
             self._epoll.register(self._netlink, select.EPOLLIN)
         except OSError as error:
             self.close()
@@ -142,7 +142,7 @@ class MulticastTransport:
         try:
             self._sender.sendto(frame, self._output)
         except OSError as error:
-            if error.errno in _BUSY:
+            if error.errno in BUSY:
                 return False
             raise TransportError(f'{self.name}: cannot send, {_explain(error)}') from error
         return True
@@ -173,33 +173,24 @@ class MulticastTransport:
             return str(probe.getsockname()[0])
 
     def _open_input(self, address: str) -> socket.socket:
-        port = _udp_socket()
-        try:
-            port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-            port.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-            # Bound to the group, so that other groups and unicast on this port are not received.
-            port.bind((self._group, self._input_port))
-            member = socket.inet_aton(self._group) + socket.inet_aton(address)
-            port.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-        except OSError:
-            port.close()
-            raise
+        port = self._input = _udp_socket()
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        port.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        # Bound to the group, so that other groups and unicast on this port are not received.
+        port.bind((self._group, self._input_port))
+        member = socket.inet_aton(self._group) + socket.inet_aton(address)
+        port.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         return port
 
-    def _open_sender(self, address: str) -> socket.socket:
-        port = _udp_socket()
-        try:
-            interface = socket.inet_aton(address)
-            port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
-            port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
-            # Other processes on this host, such as a simulator, receive it too.
-            port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-            port.bind((address, 0))
-        except OSError:
-            port.close()
-            raise
-        return port
+    def _open_sender(self, address: str) -> None:
+        port = self._sender = _udp_socket()
+        interface = socket.inet_aton(address)
+        port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+        port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
+        # Other processes on this host, such as a simulator, receive it too.
+        port.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        port.bind((address, 0))
 
 
 def _udp_socket() -> socket.socket:

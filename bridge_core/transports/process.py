@@ -280,9 +280,6 @@ class ProcessLink(Link):
         values = {**report.link.values, **self._processes()}
         self._owner.on_report(Report(report.link._replace(values=values), report.device), now)
 
-    def _on_refused(self, number: int, key: str, text: str) -> None:
-        self._owner.on_refused(number, key, text)
-
     def _link_changed(self, text: str, ok: bool) -> None:
         if not ok:  # a stop to the owner, whatever the session says of it
             reason = passed_on(text, text, 'port.closed')
@@ -296,16 +293,13 @@ class ProcessLink(Link):
         for each, failure in ended.items():
             self._done(each, failure)
 
-    def _on_beat(self) -> None:
-        """Nothing more than a sign of life."""
-
     _MESSAGES: dict[str, Callable[..., None]] = {
         'on_events': _on_events,
         'on_report': _on_report,
-        'on_refused': _on_refused,
+        'on_refused': lambda self, *told: self._owner.on_refused(*told),
         'link_changed': _link_changed,
         'done': _on_done,
-        'beat': _on_beat,
+        'beat': lambda self: None,  # no more than a sign of life
     }
 
     # -- the processes ----------------------------------------------------------------------------
@@ -369,10 +363,10 @@ class ProcessLink(Link):
         """Hear its only word, that it is ready, or its end, which harms nothing."""
         word = spare.receive()
         if word:
-            self._state.spare_loaded()
+            self._state.spare = Stage.READY
         elif word is not None:
             self._spare = None
-            self._state.spare_ended()
+            self._state.spare = Stage.NONE  # which harms nothing
             spare.end(0.0)
 
     def _give_turn(self, spare: Child) -> None:

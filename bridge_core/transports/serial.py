@@ -18,7 +18,6 @@ import socket
 import termios
 import threading
 from typing import Any
-from urllib.parse import urlsplit
 
 import serial
 
@@ -38,13 +37,17 @@ _HINTS = {
     errno.EACCES: Coded(
         'port.no_permission', 'no permission; add your user to the group dialout and log in again'
     ),
-    errno.EAGAIN: Coded('port.in_use', 'in use by another program; close that one'),
-    errno.EBUSY: Coded('port.in_use', 'in use by another program; close that one'),
-    errno.EIO: Coded('port.dead', 'the device does not answer; is it plugged in?'),
-    errno.ENXIO: Coded('port.dead', 'the device does not answer; is it plugged in?'),
-    errno.ENODEV: Coded('port.dead', 'the device does not answer; is it plugged in?'),
+    **dict.fromkeys(
+        (errno.EAGAIN, errno.EBUSY, errno.EADDRINUSE),
+        Coded('port.in_use', 'in use by another program; close that one'),
+    ),
+    **dict.fromkeys(
+        (errno.EIO, errno.ENXIO, errno.ENODEV),
+        Coded('port.dead', 'the device does not answer; is it plugged in?'),
+    ),
 }
 _FINISH_TIMEOUT = 0.05  # s
+_WRITE_TIMEOUT = 0.05  # s, after which a line that takes nothing counts as stalled
 
 
 class SerialTransport:
@@ -52,18 +55,16 @@ class SerialTransport:
     A serial port, 8 data bits, no parity, 1 stop bit, locked against other programs.
 
     :param port: a device such as ``/dev/ttyUSB0``, or a pyserial URL.
-    :param baud: bits per second. :param write_timeout: seconds before a write counts as stalled.
+    :param baud: bits per second.
     """
 
-    def __init__(self, port: str, baud: int, *, write_timeout: float = 0.05) -> None:
+    def __init__(self, port: str, baud: int) -> None:
         self.name = port
         self.device = ''  # who is there, in words
-        self.low_latency = False
         self._baud = baud
-        self._write_timeout = write_timeout
         self._serial: Any = None
         self._pump: _Pump | None = None
-        self._claim: socket.socket | None = None
+        self._claim = contextlib.ExitStack()  # of a serial server
         self._fd = self._taken = -1
         self._line = Line()  # whose backlog counts
 
@@ -75,7 +76,7 @@ class SerialTransport:
         """Open and lock the port. :raises TransportError: with the reason and what to do."""
         self.close()
         try:
-            self._claim = _claim(self.name)
+            self._claim = exclusive.claim(self.name)
             with exclusive.refused_if_taken(self.name):
                 self._serial = self._open_serial()
             self._prepare(self._serial)
@@ -85,7 +86,7 @@ class SerialTransport:
             raise TransportError(_explain_open(self.name, error)) from error
 
     def _open_serial(self) -> Any:
-        # rfc2217:// accepts no write_timeout, so pyserial's is not used at all.
+        # rfc2217:// accepts no write_timeout, so it is not used at all.
         options: dict[str, Any] = {} if '://' in self.name else {'timeout': 0, 'exclusive': True}
         return serial.serial_for_url(self.name, baudrate=self._baud, **options)
 
@@ -100,16 +101,15 @@ class SerialTransport:
         if self._line.is_tty:
             exclusive.take(line)
             self._taken = line
-            self.low_latency = _set_low_latency(port)
+            _set_low_latency(port)
             _set_vmin(line)
             termios.tcflush(line, termios.TCIOFLUSH)
 
     def close(self) -> None:
         """Close the port; queued output gets the time that it needs, and 50 ms more."""
-        port, pump, line, claim = self._serial, self._pump, self._line, self._claim
-        self._claim, taken, self._taken = None, self._taken, -1
-        if claim is not None:
-            claim.close()
+        port, pump, line = self._serial, self._pump, self._line
+        taken, self._taken = self._taken, -1
+        self._claim.close()
         self._serial, self._pump, self._fd, self._line = None, None, -1, Line()
         if pump is not None:
             pump.close()
@@ -149,7 +149,7 @@ class SerialTransport:
         return since < math.inf
 
     def _write(self, data: bytes) -> None:
-        end = clock.now() + self._write_timeout
+        end = clock.now() + _WRITE_TIMEOUT
         while data:
             try:
                 data = data[os.write(self._fd, data) :]
@@ -157,28 +157,8 @@ class SerialTransport:
                 left = end - clock.now()
                 if left <= 0 or not writable(self._fd, left):
                     raise TransportError(
-                        f'{self.name}: took no bytes for {self._write_timeout * 1e3:.0f} ms'
+                        f'{self.name}: took no bytes for {_WRITE_TIMEOUT * 1e3:.0f} ms'
                     ) from None
-
-
-def _claim(name: str) -> socket.socket | None:
-    """
-    Claim a serial server for this process: unlike a device file it has no lock.
-
-    Others on this computer are kept out, as far as they ask; a server's clients elsewhere are not.
-
-    :raises OSError: another one has it.
-    """
-    if '://' not in name or name.startswith('loop'):
-        return None
-    url = urlsplit(name)
-    claim = socket.socket(socket.AF_UNIX)
-    try:
-        claim.bind(f'\0rugged_teleop/{url.hostname}:{url.port}')
-    except OSError as error:
-        claim.close()
-        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY)) from error
-    return claim
 
 
 def read_port(fd: int, name: str) -> list[bytes]:
@@ -203,13 +183,10 @@ def _explain_open(name: str, error: Exception) -> str:
     return passed_on(hint, f'cannot open {name}: {hint}', 'port.closed')
 
 
-def _set_low_latency(port: Any) -> bool:
+def _set_low_latency(port: Any) -> None:
     """Ask the driver to pass bytes on at once (an FTDI chip holds them for up to 16 ms)."""
-    try:
-        port.set_low_latency_mode(True)
-    except (OSError, ValueError, NotImplementedError):
-        return False  # ptys and CDC-ACM do not have it, nor need it
-    return True
+    with contextlib.suppress(OSError, ValueError, NotImplementedError):
+        port.set_low_latency_mode(True)  # ptys and CDC-ACM do not have it, nor need it
 
 
 def _set_vmin(fd: int) -> None:

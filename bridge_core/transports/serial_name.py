@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
-_NETWORK = ('socket', 'rfc2217')
+_NETWORK = ('socket://', 'rfc2217://')
 # What else pyserial opens (alt, cp2110, hwgrep, spy) is a local device that it does not lock: two
 # nodes would have it open.
 _NOWHERE = 'loop'
@@ -28,9 +28,14 @@ def check_serial_port(values: Mapping[str, Any]) -> None:
         )
 
 
+def is_network(port: str) -> bool:
+    """Tell whether it is a serial server; pyserial takes small letters and capital ones."""
+    return port.lower().startswith(_NETWORK)
+
+
 def gap_of(values: Mapping[str, Any]) -> float:
     """Return how many seconds the parameter ``port`` may lay between two parts of a frame."""
-    return _NETWORK_GAP if values['port'].partition('://')[0] in _NETWORK else 0.0
+    return _NETWORK_GAP if is_network(values['port']) else 0.0
 
 
 def _is_possible(port: str) -> bool:
@@ -38,6 +43,6 @@ def _is_possible(port: str) -> bool:
         return bool(port)
     try:
         url = urlsplit(port)
-        return url.scheme == _NOWHERE or (url.scheme in _NETWORK and bool(url.port))
+        return url.scheme == _NOWHERE or (is_network(port) and bool(url.port))
     except ValueError:  # the port is no number, or none of TCP
         return False

@@ -21,7 +21,7 @@ import os
 import socket
 import sys
 
-from bridge_core.transports.wire_process import show
+from bridge_core.thread_name import show_thread
 
 DONE = b'done'
 LARGEST = 1 << 16  # bytes of a request
@@ -31,7 +31,7 @@ _MOST = 8  # descriptors
 
 def serve(descriptor: int) -> list[str]:
     """Do what is asked, to the end of the node; return in each fork, with its arguments."""
-    show('wire template')
+    show_thread('wire template')
     with contextlib.suppress(OSError), socket.socket(fileno=descriptor) as node:
         while True:
             data, given, _, _ = socket.recv_fds(node, LARGEST, _MOST)

@@ -35,8 +35,6 @@ from bridge_core.waiting import FAULT_PAUSE, ready
 BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
 _SOON = 0.001  # s; a session that is due so soon is waited for, and what comes is read with it
-_OPEN_TIME = 0.25  # s that the farewell waits for a port that is being opened
-_LAST_OPEN_TIME = 2.0  # s, where nobody waits for it; rfc2217:// takes 0.4 s
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
 
 
@@ -46,6 +44,7 @@ class Wire(Generic[FrameT]):
 
     :param reconnect_period: the longest wait, in seconds, between two tries to open the port.
     :param tap: where to put what goes over the port; it does not wait.
+    :param patience: s that a farewell waits for a port that is being opened.
     """
 
     def __init__(
@@ -56,6 +55,7 @@ class Wire(Generic[FrameT]):
         *,
         reconnect_period: float = 1.0,
         tap: Tap | None = None,
+        patience: float = 0.25,
     ) -> None:
         self.status = LinkStatus(error=NOT_ACTIVE)
         self._bridge = bridge
@@ -63,6 +63,7 @@ class Wire(Generic[FrameT]):
         self._requests = requests
         self._reconnect_period = reconnect_period
         self._tap = tap
+        self._patience = patience
         self._opener: Opener[FrameT] = Opener()
         self._active: Active[FrameT] | None = None
         self._left: Session[FrameT, Any, Any] | None = None  # of the one before
@@ -79,7 +80,7 @@ class Wire(Generic[FrameT]):
         while not self._quit:
             if not self._guarded(self._wait_and_step):
                 time.sleep(FAULT_PAUSE)
-        self._guarded(lambda: self._deactivate(clock.now(), _LAST_OPEN_TIME))
+        self._guarded(lambda: self._deactivate(clock.now()))
         self._opener.abandon()
         self._take_opened(clock.now())  # what came between the two
         self._opener.close()
@@ -248,11 +249,11 @@ class Wire(Generic[FrameT]):
         self._open_at = now
         self._report(now)
 
-    def _deactivate(self, now: float, patience: float = _OPEN_TIME) -> None:
+    def _deactivate(self, now: float) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
         if self._opener.port is None and now >= self._open_at:  # just now: it may be moving
             self._guarded(self._start_opening)
-        self._wait_for_port(patience)
+        self._wait_for_port()
         now = clock.now()
         active, was_open = self._active, self.status.is_open
         self._active = None  # first, so that no fault below opens it again
@@ -268,10 +269,10 @@ class Wire(Generic[FrameT]):
                 last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
                 self._say_farewell(active, now)
 
-    def _wait_for_port(self, patience: float) -> None:
-        """Wait for a port that is being opened, ``patience`` s at most."""
+    def _wait_for_port(self) -> None:
+        """Wait for a port that is being opened, but not for ever."""
         now = clock.now()
-        end = now + patience
+        end = now + self._patience
         while self._is_opening():
             left = end - now
             if left <= 0.0:
@@ -285,7 +286,7 @@ class Wire(Generic[FrameT]):
                 self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
             if ready([self._opener.fileno()], min(left, self._pace_at - now)):
                 self._opener.heard()
-            now = clock.now()
+            now = self._stepped_at = clock.now()  # no freeze, and no port is open
             self._take_opened(now)
 
     def _say_farewell(self, active: Active[FrameT], now: float) -> None:

@@ -23,6 +23,7 @@ from typing import Any
 
 from bridge_core import clock
 from bridge_core.report import Report
+from bridge_core.thread_name import show_thread
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.request import Request
 from bridge_core.transports.tap import Tap
@@ -36,7 +37,8 @@ _BEAT_EARLY = 0.001  # s, if the wire is awake anyway
 KNOWN, TURN = b'known', b'turn'
 _LARGEST = 1 << 20  # bytes of a message
 _READS = 64  # requests, before the port gets its turn again
-_WIRE_TIME = 3.0  # s that a wire may take for its farewell; a port may take 2 s to open for it
+_OPEN_TIME = 3.0  # s that a port may take to open for a farewell: slcan 2 s, rfc2217:// 0.4 s
+_WIRE_TIME = _OPEN_TIME + 1.0  # s that a wire may take for its farewell
 _TRY_TIME = 2.0  # s for which a port is tried that cannot be had
 _TRY_PERIOD = 0.02  # s
 _LOST = 'the node did not take what its wire had to tell, and something of it is lost'
@@ -80,11 +82,11 @@ class Node:
         word = receive(self._socket)
         if word == KNOWN:
             self.knows = True
-            show('spare wire')
+            show_thread('spare wire')
             ready([self.fileno()], None)
             word = receive(self._socket)
         if word == TURN:
-            show('wire')
+            show_thread('wire')
         return word == TURN
 
     def take(self) -> list[Request]:
@@ -215,12 +217,6 @@ class _Rest:
     def done(self, number: int, error: str) -> None: ...
 
 
-def show(name: str) -> None:
-    """Have ``ps -o comm`` and ``top`` show this, of 15 characters at most (proc(5), comm)."""
-    with contextlib.suppress(OSError), open('/proc/self/comm', 'w', encoding='ascii') as comm:
-        comm.write(name)
-
-
 def load(
     descriptor: int, module: str, rt_priority: int
 ) -> tuple[Node, Bridge[Any], Sequence[str]]:
@@ -266,6 +262,7 @@ def run(
             node,
             reconnect_period=reconnect_period,
             tap=Tap(tap) if tap >= 0 else None,
+            patience=_OPEN_TIME,
         )
         node.wire.run()
         if not node.has_asked:  # its node died between the turn and the orders
@@ -281,19 +278,14 @@ def _end_for(before: int, in_force: InForce, node: Node, bridge: Bridge[Any]) ->
 
     Its port may be held for a moment longer. A wire that hangs is killed: nobody else can.
     """
-    if before >= 0 and not _ends(before, _WIRE_TIME):
+    if before >= 0 and not ready([before], _WIRE_TIME):  # its pidfd
         with contextlib.suppress(ProcessLookupError):
             signal.pidfd_send_signal(before, signal.SIGKILL)
-        _ends(before, _WIRE_TIME)
+        ready([before], _WIRE_TIME)
     end = clock.now() + _TRY_TIME
     while requests := in_force.read():
-        node.wire = Wire(bridge, node, _Rest(requests))
+        node.wire = Wire(bridge, node, _Rest(requests), patience=_OPEN_TIME)
         node.wire.run()
         if node.wire.left_safe or clock.now() >= end:
             break
         time.sleep(_TRY_PERIOD)
-
-
-def _ends(process: int, timeout: float) -> bool:
-    """Wait for the end of a process, which is a pidfd; tell whether it came."""
-    return bool(ready([process], timeout))

@@ -10,8 +10,10 @@ What holds on either link is tested on both: the fixture ``link``.
 from collections.abc import Callable, Iterator
 import contextlib
 from functools import partial
+import os
 from pathlib import Path
 import random
+from signal import SIGKILL
 import socket
 import threading
 from types import SimpleNamespace
@@ -29,11 +31,11 @@ from bridge_core.cdr import bool_message
 from bridge_core.session import StopChanged, Verdict
 from bridge_core.transports import TransportError
 from stage.endings import each_ending
-from stage.rig import latched, NodeProcess, Observer, Pty, Record
+from stage.rig import latched, NodeProcess, Observer, Pty, Record, wait_for
 from stage.run_delay import RunDelay
 from stage.talkers import Diagnostics, namespace
 from stage.toy_bridge import make_toy, toy_process, ToyBridge
-from stage.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value
+from stage.toy_rig import ESTOP, OUTLASTS_GAPS, ToyDevice, wait_repeats, wait_value, wires_of
 
 pytestmark = pytest.mark.waits(60)
 toy = partial(toy_process, patient=True)  # unless it is about its limits
@@ -281,6 +283,19 @@ def test_signal_ends_it_with_0_whatever_the_port_does(
                     pty.write(b'x' * 4096)
         assert node.end(number) == 0, node.output  # within the 5 s that launch and others give
         assert 'Traceback' not in node.output
+
+
+def test_node_of_a_program_that_ignores_its_children_knows_how_a_wire_has_ended(
+    device: ToyDevice,
+) -> None:
+    """It inherits that."""
+    ignores = 'import signal; signal.signal(signal.SIGCHLD, signal.SIG_IGN); '
+    source = f"{ignores}from stage.toy_bridge import main; main('process')"
+    with NodeProcess('', {'port': str(device.pty.path)}, source=source) as node:
+        [wire] = wait_for(lambda: wires_of(node.process.pid), 15.0, 'a wire')
+        os.kill(wire, SIGKILL)
+        node.wait_output(f'its process {wire} was killed by SIGKILL')
+        assert node.end() == 0, node.output
 
 
 BAD_TRANSITION = """

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from rclpy.context import Context
+from rclpy.parameter import Parameter as RosParameter
 
 from bridge_core.parameters import ParameterError
 from stage.rig import NodeProcess, Observer, Pty
@@ -45,6 +46,20 @@ def test_good_parameters_keep_their_types(context: Context) -> None:
         assert description.description
         assert description.floating_point_range[0].from_value == 5.0
         assert 'Hz' in description.additional_constraints
+    finally:
+        node.destroy_node()
+
+
+def test_list_of_an_inactive_node_is_changed_and_never_deleted(context: Context) -> None:
+    node = make_toy(context)
+    try:
+        (deleted,) = node.set_parameters([RosParameter('names')])
+        assert not deleted.successful
+        assert deleted.reason == 'parameter names = None: allowed is a list, each a string'
+        assert node.values['names'] == node.get_parameter('names').value == ['x']
+        empty = RosParameter('names', RosParameter.Type.STRING_ARRAY, [])
+        assert node.set_parameters([empty])[0].successful
+        assert node.values['names'] == []
     finally:
         node.destroy_node()
 

@@ -181,7 +181,7 @@ class Adapter:
         patch.setattr(can, 'Bus', lambda **options: self.bus)
         patch.setattr(Line, 'backlog', lambda line: self.backlog)
         patch.setattr(termios, 'tcflush', lambda fd, queue: self.flushed.append(queue))
-        self.transport = CanTransport('slcan', 'socket://adapter')
+        self.transport = CanTransport('slcan', 'loop://')
         self.transport.open()
 
     def send(self, data: bytes) -> None:

@@ -253,6 +253,15 @@ def test_serial_adapter_is_for_one_program(pty: Pty) -> None:
     second.close()
 
 
+@pytest.mark.parametrize('interface', ['robotell', 'seeedstudio', 'serial'])
+def test_other_serial_adapters_are_for_one_program_too(pty: Pty, interface: str) -> None:
+    first, second = (CanTransport(interface, str(pty.path)) for _ in range(2))
+    first.open()
+    with pytest.raises(TransportError, match=rf'cannot open {interface} .*: in use by another'):
+        second.open()
+    first.close()
+
+
 def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:
     transport = CanTransport('slcan', str(pty.path))
     transport.open()

@@ -104,10 +104,6 @@ def test_decoder_without_parts_has_nothing_to_expire() -> None:
     assert decoder.poll(1.0) == []
 
 
-def test_parser_tells_its_format() -> None:
-    assert StreamParser(LONG).format is LONG
-
-
 @both_formats
 def test_one_flipped_bit_anywhere_costs_at_most_its_frame(
     fmt: FrameFormat[bytes], frames: list[bytes]

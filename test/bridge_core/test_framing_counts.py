@@ -100,14 +100,6 @@ def test_header_that_begins_amid_another_one_is_found(max_size: int) -> None:
     assert counters.discarded_bytes == 48
 
 
-@pytest.mark.parametrize('part', [1, 2])
-def test_part_of_a_header_at_the_end_is_kept_whole(part: int) -> None:
-    parser = parser_of()
-    assert parser.feed(b'\x01\x02' + GOOD[:part], 0.0) == []
-    assert parser.counters.discarded_bytes == 2
-    assert parser.feed(GOOD[part:], 0.0) == [GOOD]
-
-
 def test_end_of_a_frame_does_not_begin_a_header() -> None:
     ends_so = frame(b'\xaa')
     parser = parser_of()

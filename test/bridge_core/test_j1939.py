@@ -6,7 +6,7 @@
 from hypothesis import given, strategies
 import pytest
 
-from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id, NULL_ADDRESS
+from bridge_core.j1939 import CanFrame, GLOBAL_ADDRESS, J1939Id
 
 
 @pytest.mark.parametrize(
@@ -49,10 +49,6 @@ def test_every_identifier_comes_back(identifier: int) -> None:
 def test_what_does_not_fit_is_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match=r'priority|PGN|addresses'):
         J1939Id(**{'priority': 3, 'pgn': 0xEF00, 'source': 1, **wrong})
-
-
-def test_addresses_that_are_nobodys() -> None:
-    assert (NULL_ADDRESS, GLOBAL_ADDRESS) == (254, 255)
 
 
 @pytest.mark.parametrize('identifier', [0, 0x1FFFFFFF])

@@ -21,10 +21,6 @@ def thread_of(bench: Bench) -> threading.Thread | None:
     return next((t for t in threading.enumerate() if t.name == bench.link.name), None)
 
 
-def test_wire_that_does_not_answer_leaves_the_process_its_second_to_end() -> None:
-    assert 2 * ANSWER_TIME < 1.0  # the farewell, then the end of its thread
-
-
 def test_request_is_no_stop_and_counts_shorter_as_input(bench: Bench) -> None:
     link = ThreadLink('link', bench.bridge, bench.owner)  # without a thread that takes them
     link.request(Call('do', ('early',)))

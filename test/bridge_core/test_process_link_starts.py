@@ -114,7 +114,7 @@ def test_process_is_given_its_socket_the_tap_and_nothing_of_the_terminal(
     bench.close()
 
 
-def test_sockets_take_more_than_the_system_gives_unasked(bench: Bench) -> None:
+def test_sockets_take_more_than_the_system_gives_unasked_and_are_no_childs(bench: Bench) -> None:
     """A stop behind much else needs room."""
 
     def room(end: socket.socket) -> int:
@@ -122,17 +122,12 @@ def test_sockets_take_more_than_the_system_gives_unasked(bench: Bench) -> None:
 
     bench.step()
     assert bench.link._wire is not None
+    assert not os.get_inheritable(bench.link._wake_fd)
+    assert not bench.link._wire.socket.get_inheritable()
     plain = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with plain[0], plain[1]:
         assert room(bench.link._wire.socket) > room(plain[0])
         assert room(bench.children[0].node._socket) > room(plain[0])
-
-
-def test_programs_of_the_node_inherit_no_descriptor(bench: Bench) -> None:
-    bench.step()
-    assert bench.link._wire is not None
-    assert not os.get_inheritable(bench.link._wake_fd)
-    assert not bench.link._wire.socket.get_inheritable()
 
 
 def test_environment_leads_to_what_the_node_has_imported(

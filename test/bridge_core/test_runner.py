@@ -12,6 +12,7 @@ import resource
 import signal
 from signal import SIGTERM
 import threading
+import time
 from typing import Any
 from unittest import mock
 import weakref
@@ -21,7 +22,7 @@ import pytest
 from bridge_core import realtime, refusals, runner
 from bridge_core.share import loopback_profiles
 from safety_mux.node import SafetyMux
-from stage.rig import ENDING, NodeProcess, wait_for
+from stage.rig import ENDING, NodeProcess, TIMEOUT_FACTOR, wait_for
 from stage.talkers import namespace
 
 NAMES = ('remote', 'drive', 'mux', 'servos')
@@ -78,6 +79,23 @@ def test_actuators_leave_first_and_all_do_whatever_one_raises(
     runner._leave(list(nodes.values()))  # type: ignore[arg-type]
     assert story == ['drive', 'servos', 'remote', 'mux']
     assert all(node.story[-1] == 'gone' for node in nodes.values())
+
+
+def test_executors_that_hang_hold_the_farewells_up_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Half a second each, of a stack, would keep its first actuator moving for some."""
+    gate = threading.Event()
+    monkeypatch.setattr(runner, 'SingleThreadedExecutor', mock.MagicMock)
+    nodes: list[Any] = [mock.MagicMock(autostart=gate.wait) for _ in range(8)]
+    threads: list[threading.Thread] = []
+    begun = time.monotonic()
+    runner._spin(nodes, mock.MagicMock(), threads)
+    took = time.monotonic() - begun
+    gate.set()
+    for thread in threads:
+        thread.join()
+    assert 0.5 <= took < 0.5 * TIMEOUT_FACTOR
 
 
 _LATE = """

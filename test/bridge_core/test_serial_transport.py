@@ -337,7 +337,8 @@ def test_local_port_is_raw_8n1(pty: Pty) -> None:
 @pytest.mark.parametrize('kind', [TcpPeer, Rfc2217Peer])
 def test_second_node_of_this_computer_at_a_serial_server_is_refused(kind: type[TcpPeer]) -> None:
     peer = kind()
-    first, second = (SerialTransport(peer.url, 115200) for _ in range(2))
+    names = (peer.url, peer.url.replace('127.0.0.1', 'localhost'))
+    first, second = (SerialTransport(name, 115200) for name in names)
     with contextlib.closing(first), contextlib.closing(second):
         first.open()
         with pytest.raises(TransportError, match='in use by another program'):

@@ -37,7 +37,9 @@ def defaults(parameters: Sequence[Parameter], **changes: Any) -> Mapping[str, An
     return {each.name: each.default for each in parameters} | changes
 
 
-@pytest.mark.parametrize(('port', 'heard'), [('/dev/ttyS0', 0), ('socket://far:1', 1)])
+@pytest.mark.parametrize(
+    ('port', 'heard'), [('/dev/ttyS0', 0), ('socket://far:1', 1), ('RFC2217://far:1', 1)]
+)
 @pytest.mark.parametrize(
     ('bridge', 'values', 'frame'),
     [

@@ -24,7 +24,7 @@ def supervisor(stage: Stage = Stage.NONE, *, at: float = START) -> Supervisor:
     if stage is not Stage.NONE:
         made.started(at)
         if stage is not Stage.LOADING:
-            made.spare_loaded()
+            made.spare = Stage.READY
         made.turned(at)
         if stage is Stage.RUNNING:
             made.heard(at, at)

@@ -213,6 +213,7 @@ def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(
     assert old.sent == []
     assert new.is_open
     assert bench.wire.status.is_open
+    assert 'interrupted' not in bench.session.calls  # to wait for the old one is no freeze
 
 
 # Freezes.
@@ -781,21 +782,28 @@ def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> N
     assert 'no farewell: port was still being opened' in bench.log()[-1]
 
 
-@pytest.mark.parametrize(('opens', 'said'), [(0.0, True), (1.5, True), (9.0, False)])
-def test_port_has_two_seconds_to_open_for_the_farewell_at_the_end(
-    bench: WireBench, opens: float, said: bool
+@pytest.mark.parametrize('deactivated', [False, True])
+@pytest.mark.parametrize(('opens', 'said'), [(0.0, True), (2.5, True), (9.0, False)])
+def test_port_that_is_being_opened_has_its_time_for_the_farewell(
+    bench: WireBench, opens: float, said: bool, deactivated: bool
 ) -> None:
-    """Nobody waits for it, and a spare may be there for nothing else."""
+    bench.use(patience=3.0)
     bench.begin_opening()
-    bench.requests.end()
     then = bench.now
     bench.during_wait = lambda: bench.open_ports() if bench.now > then + opens else None
-    bench.wire.run()
+    if deactivated:
+        bench.deactivate()
+        bench.step()
+    else:
+        bench.requests.end()
+        bench.wire.run()
     assert (bench.port.sent == FAREWELL) is said
     assert bench.wire.left_safe is said
     assert ('bad no farewell: port was still being opened' in bench.log()) is not said
-    assert bench.now - then <= 2.5
+    assert bench.now - then <= 3.5
     bench.open_ports()
+    if deactivated:
+        bench.step()
     assert not bench.port.is_open
     assert bench.port.calls['close'] == 1
 
@@ -926,8 +934,8 @@ def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
     bench.begin_opening()
     deactivate = bench.wire._deactivate
 
-    def deactivate_then_open(now: float, patience: float) -> None:
-        deactivate(now, patience)
+    def deactivate_then_open(now: float) -> None:
+        deactivate(now)
         bench.open_ports()
 
     monkeypatch.setattr(bench.wire, '_deactivate', deactivate_then_open)

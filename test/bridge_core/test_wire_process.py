@@ -22,12 +22,17 @@ from typing import Any
 import pytest
 
 from bridge_core import clock, realtime
+from bridge_core.j1939 import CanFrame
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.transports import wire_process
-from bridge_core.transports.request import Activate, Call, Request
+from bridge_core.transports.bridge import Bridge
+from bridge_core.transports.can import CanTransport
+from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from bridge_core.transports.wire_process import ENDING, InForce, KNOWN, Node, receive, TURN
 from bridge_core.waiting import ready
+from stage.link_rig import FakeSession
+from stage.rig import Pty
 from stage.toy_wire import BRIDGE
 
 # -- how it begins --------------------------------------------------------------------------------
@@ -46,7 +51,7 @@ class Spare:
         self.wires: list[dict[str, Any]] = []
         self.ends: list[int] = []
         patch.setattr(wire_process, 'ready', self._ready)
-        patch.setattr(wire_process, 'show', self.names.append)
+        patch.setattr(wire_process, 'show_thread', self.names.append)
         patch.setattr(wire_process, 'Wire', self._wire)
         patch.setattr(os, '_exit', self.ends.append)
 
@@ -79,15 +84,10 @@ def spare(monkeypatch: pytest.MonkeyPatch) -> Iterator[Spare]:
     spare.node._socket.close()
 
 
-def test_spare_says_that_it_is_ready_and_is_the_wire_once_told(spare: Spare) -> None:
-    assert spare.node.wait_for_turn()
-    assert spare.heard == ['beat']
-    assert spare.names == ['spare wire', 'wire']
-
-
 def test_process_runs_its_wire_and_takes_its_threads_along(spare: Spare) -> None:
     spare.run()
-    assert spare.wires == [{'reconnect_period': 2.5, 'tap': None}]
+    assert spare.names == ['spare wire', 'wire']
+    assert spare.wires == [{'reconnect_period': 2.5, 'tap': None, 'patience': 3.0}]
     assert spare.heard == ['beat', 'runs']
     assert spare.ends == [0]
     told = pickle.loads(spare.ours.recv(1000))
@@ -339,7 +339,9 @@ def test_requests_are_taken_to_the_last_one_and_then_the_end(ends: Ends, unread:
 def test_turn_counts_though_the_node_went_before_it_heard_that_the_spare_is_ready(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(wire_process, 'show', lambda name: ends.theirs.close())  # right behind it
+    monkeypatch.setattr(
+        wire_process, 'show_thread', lambda name: ends.theirs.close()
+    )  # right behind it
     ends.theirs.send(TURN)
     assert ends.node.wait_for_turn()
 
@@ -377,3 +379,27 @@ def test_what_is_in_force_is_read_by_whoever_has_the_memory_until_it_is_cleared(
     for each in (ours, ours, spare):
         each.close()
     ours.keep([command])  # the link has ended
+
+
+class Leaving(FakeSession):
+    """Has nothing to say but its farewell, of one CAN frame."""
+
+    def opened(self, now: float) -> tuple[list[Any], list[Any]]:
+        return [], []
+
+    def farewell(self, now: float) -> list[Any]:
+        return [CanFrame(0x0CFDD633, b'\xfe')]
+
+
+@pytest.mark.parametrize('orders', [[Activate({})], [Activate({}), Deactivate()]])
+def test_farewell_leaves_by_an_adapter_that_takes_two_seconds_to_open(
+    ends: Ends, pty: Pty, orders: list[Activate | Deactivate]
+) -> None:
+    """As a serial one does for python-can."""
+    transport = CanTransport('slcan', str(pty.path), bitrate=250_000)
+    bridge: Bridge[Any] = Bridge(__name__, lambda _: Leaving(), lambda _: transport)
+    in_force = InForce()
+    in_force.keep([Request(1, '', each, 1.0, stop=True) for each in orders])
+    wire_process._end_for(-1, in_force, ends.node, bridge)
+    in_force.close()
+    pty.wait_received(b'T0CFDD6331FE\r')
