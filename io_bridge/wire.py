@@ -25,7 +25,7 @@ def make_session(values: Mapping[str, Any]) -> Session:
 def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
     """Return the port that ``transport`` names, not yet open. :raises ValueError: none can be."""
     port, transport = values['port'], values['transport']
-    if (transport == 'tcp') is not port.startswith('socket://'):
+    if not port.startswith('socket://') if transport == 'tcp' else '://' in port:
         # Answers of RTU have no numbers: a network may keep one back, and it would seem new.
         where = 'socket://host:502' if transport == 'tcp' else 'a device file'
         raise ValueError(f'port = {port!r}: allowed is {where} with transport {transport}')

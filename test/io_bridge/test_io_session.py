@@ -17,7 +17,7 @@ from io_bridge.protocol import gpio_frame, gpio_values
 from io_bridge.session import Panel, Settings
 from io_bridge.session.contacts import Contact
 from io_bridge.session.turns import Question, Turns
-from io_bridge.wire import make_session
+from io_bridge.wire import make_session, make_transport
 from stage.io_rig import Box, inputs, PRESSED, RELEASED, rtu, values_of
 
 DISCREPANCY, DEBOUNCE, TIMEOUT = 0.5, 0.1, 0.25
@@ -427,6 +427,19 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
 def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Settings.from_parameters(values_of(PARAMETERS, **changes))
+
+
+@pytest.mark.parametrize(
+    ('transport', 'port'),
+    [
+        *(('rtu', url) for url in ('socket://h:1', 'rfc2217://h:1', 'loop://')),
+        *(('tcp', other) for other in ('/dev/io_box', 'rfc2217://h:1')),
+        ('gpio', 'socket://h:1'),
+    ],
+)
+def test_port_of_another_transport_is_refused(transport: str, port: str) -> None:
+    with pytest.raises(ValueError, match='allowed is'):
+        make_transport(values_of(PARAMETERS, transport=transport, port=port))
 
 
 @pytest.mark.parametrize(
