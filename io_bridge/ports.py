@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import os
 import select
 from typing import Any
@@ -26,19 +26,27 @@ class ModbusTransport(SerialTransport):
     The session waits by itself. Its farewell cannot, and would run into an answer, or be dropped
     by a box that takes one question at a time.
 
-    :param answer_time: s.
+    :param find: returns the answers that bytes complete. :param answer_time: s.
     """
 
-    def __init__(self, port: str, baud: int, answer_time: float) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        find: Callable[[bytes, float], Sequence[object]],
+        answer_time: float,
+    ) -> None:
         super().__init__(port, baud)
+        self._find = find
         self._answer_time = answer_time
         self._free_at = 0.0
 
     def receive(self) -> list[bytes]:
         """Return the bytes that have arrived. :raises TransportError: the port is gone."""
         data = super().receive()
-        if data:
-            self._free_at = 0.0
+        for each in data:
+            if self._find(each, clock.now()):
+                self._free_at = 0.0
         return data
 
     def send(self, frame: bytes) -> bool:

@@ -29,8 +29,8 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
         # Answers of RTU have no numbers: a network may keep one back, and it would seem new.
         where = 'socket://host:502' if transport == 'tcp' else 'a device file'
         raise ValueError(f'port = {port!r}: allowed is {where} with transport {transport}')
+    settings = Settings.from_parameters(values)
     if transport == 'gpio':
-        settings = Settings.from_parameters(values)
         return GpioTransport(
             port,
             settings.inputs,
@@ -39,7 +39,9 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
             active_low=values['active_low'],
         )
     check_serial_port(values)
-    return ModbusTransport(port, values['baud'], values['answer_time'])
+    answers = settings.wire().parser()
+    answers.expect_gaps(gap_of(values))
+    return ModbusTransport(port, values['baud'], answers.feed, values['answer_time'])
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)
