@@ -189,11 +189,15 @@ def test_frame_that_was_not_offered_is_no_question() -> None:
     assert session.values(10.03)['answers that nobody asked for'] == 1
 
 
-def test_answer_to_no_order_is_no_edge() -> None:
+def test_answer_to_nothing_is_no_edge() -> None:
     box = open_box()
     box.take(gpio_frame(b'W', 0))
-    assert box.session.values(box.now)['answers that nobody asked for'] == 1
     assert not box.session.estop
+    session = modbus(transport='tcp')
+    session.receive(bytes.fromhex('0000 0000 0004 01 02 01 03'), 10.01)
+    assert not any(name.startswith('input') for name in session.values(10.01))
+    for each in (box.session, session):
+        assert each.values(box.now)['answers that nobody asked for'] == 1
 
 
 def test_first_line_serves_like_any_other() -> None:
@@ -369,12 +373,6 @@ def test_box_that_refuses_to_write_is_told_and_read_all_the_same() -> None:
     assert (Level.ERROR, 'check output_lines: the box refuses to set them (exception 4)') in (
         session.problems(now)
     )
-
-
-def test_fewer_inputs_than_asked_for_are_no_answer() -> None:
-    session = modbus(estop_lines=[0, 8])
-    session.receive(inputs(*[True] * 8), 10.01)
-    assert not session.link_up
 
 
 @pytest.mark.parametrize('baud', [1200, 115200])
