@@ -83,7 +83,7 @@ class GpioTransport:
             from gpiod.line import Bias, Direction, Edge, Value
         except ImportError as error:
             raise ValueError(
-                "transport = 'gpio': install gpiod 2 or newer, as by pip install "
+                "transport = 'gpio': install gpiod, as by pip install "
                 f'"rugged_teleop[gpio]" ({error})'
             ) from error
         self.name = chip
