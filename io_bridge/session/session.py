@@ -196,10 +196,10 @@ class Session(BaseSession[bytes, Answer, Panel]):
         return Panel(reset, on[0] if len(on) == 1 else first)
 
     def _expires_at(self) -> float:
-        now = self._stepped_at
-        moments = [super()._expires_at(), self._outputs.changes_at(now)]
-        moments += [each.changes_at(now) for each in self._contacts]
-        return min(moments)
+        moments = [*self._outputs.moments]
+        for contact in self._contacts:
+            moments += contact.moments
+        return min([super()._expires_at(), *(at for at in moments if at > self._stepped_at)])
 
     def _sends_at(self) -> float:
         wants = min(self._reads.due, self._writes.due)
