@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -123,14 +124,15 @@ def test_frame_on_a_slow_line_may_take_its_time() -> None:
         assert len(stream.feed(frame[4:], 5.1)) == found
 
 
-def test_corrupt_length_keeps_next_frame() -> None:
-    frame = inputs(True, True)
-    for length in {*range(256)} - {1}:
-        stream = ModbusWire(UNIT, (0, 1), (), 19200).parser()
-        broken = frame[:2] + bytes((length,)) + frame[3:]
-        assert stream.feed(broken, 5.0) + stream.feed(frame, 5.02) == [
-            Inputs((True, True, *[False] * 6), 0)
-        ]
+@pytest.mark.parametrize('count', [2, 25])
+def test_corrupt_length_keeps_next_frame(count: int) -> None:
+    size = -(-count // 8)
+    frame = rtu(2, size, 3, *[0] * (size - 1))
+    for length in {*range(256)} - {size}:
+        stream = ModbusWire(UNIT, range(count), (), 19200).parser()
+        assert stream.feed(frame[:2] + bytes((length,)) + frame[3:], 5.0) == []
+        assert (stream.deadline < math.inf) is (len(frame) < 5 + length <= max(8, len(frame)))
+        assert stream.feed(frame, 5.02) == [Inputs((True, True, *[False] * (8 * size - 2)), 0)]
 
 
 @each_line
