@@ -167,10 +167,9 @@ class GatedJoy:
 
     def holds(self, index: int) -> bool:
         """Tell whether he who has control holds a button, pressed since he has."""
-        if self._heard is None or not (self._is_open and index in self._released):
-            return False
-        buttons = self._heard.buttons
-        return index < len(buttons) and bool(buttons[index] >= self._pressed_at)
+        buttons = () if self._heard is None else self._heard.buttons
+        held = {i for i, value in enumerate(buttons) if value >= self._pressed_at}
+        return self._is_open and index in self._released & held
 
     def say(self, now: float) -> None:
         """Publish what was heard since the last time, or what is due while the gate is closed."""

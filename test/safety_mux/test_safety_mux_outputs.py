@@ -341,6 +341,8 @@ def test_named_button_may_be_pressed_from_any_value_that_is_not_held(
     assert (gate.holds(DEADMAN), gate.holds(1)) == (True, False)
     gate.hear_joy(joy(buttons=(pressed_at, pressed_at)))
     assert gate.holds(1)
+    gate.decide(False, 1.0)
+    assert not gate.holds(1)
 
 
 # Commands.

@@ -49,10 +49,6 @@ def test_end_takes_what_goes_towards_it(speed: float, position: float, left: flo
     assert math.copysign(1.0, ENDS.limited(speed, position)) == 1.0 or left < 0.0, 'no -0.0'
 
 
-def test_zone_may_be_short() -> None:
-    assert SoftEnds(0.0, 1.0, 0.1, 1.0).limited(1.0, 0.95) == pytest.approx(0.5)
-
-
 def test_joint_without_a_position_waits_and_others_do_not() -> None:
     ended = limiter()
     assert ended.step((1.0, 1.0), 0.1) == (1.0, 0.0)
