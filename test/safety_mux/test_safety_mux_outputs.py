@@ -24,7 +24,7 @@ from bridge_core.cdr import bool_message
 from bridge_core.lane import owner_of
 from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.node import SafetyMux
-from safety_mux.outputs import command_of, GatedJoy, Repeated
+from safety_mux.outputs import command_of, GatedButton, GatedJoy, Repeated
 from safety_mux.protocol import State
 from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, StepMux, TICK
@@ -341,8 +341,21 @@ def test_named_button_may_be_pressed_from_any_value_that_is_not_held(
     assert (gate.holds(DEADMAN), gate.holds(1)) == (True, False)
     gate.hear_joy(joy(buttons=(pressed_at, pressed_at)))
     assert gate.holds(1)
+    assert gate.held == [], 'nobody hears his Joy'
+    said = Said()
+    named = GatedButton(said.topic)
+    for each in (gate, GatedJoy(None, Time)):
+        named.add(each, 1)
+    named.say(0.0)
+    assert said.messages == [(0.0, True)]
     gate.decide(False, 1.0)
     assert not gate.holds(1)
+
+
+def test_end_of_control_is_neutral_with_the_decision() -> None:
+    gate = Gate().in_control()
+    gate.gate.decide(False, 0.0)
+    assert list(gate.messages[-1].buttons) == [0, 0]
 
 
 # Commands.
