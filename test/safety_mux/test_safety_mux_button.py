@@ -12,7 +12,6 @@ import pytest
 from safety_mux.button import LONGEST, Presses, ResetButton, SHORTEST, TIMEOUT
 
 EVERY = 0.05  # s between messages
-HOUR = 3600.0
 
 
 class Bench:
@@ -45,13 +44,10 @@ COUNT = '100 ms to 2000 ms count'
 STALE = 'was stale meanwhile: last heard '
 # For how long it is pressed (+, ! in trouble) or silent (~), and why its release is no reset.
 RELEASES = {
-    'a press': ('+0.5', ''),
     'a long press': ('+1.95', ''),
     'too short': ('+0.05', f'was held for 50 ms; {COUNT}'),
     'too long': ('+2.1', f'was held for 2100 ms; {COUNT}'),
-    'silence before it': (f'~{TIMEOUT} +0.4', STALE),
     'silence amid it': (f'+0.2 ~{TIMEOUT} +0.2', STALE),
-    'silence at its end': (f'+0.4 ~{TIMEOUT}', STALE),
     'a clock that jumps ahead': ('+0.5 ~3600', STALE),
     'a clock that runs backwards': ('+0.5 ~-3600', 'was '),
     'trouble amid it': ('+0.2 +0.2! +0.2', 'has a reason'),
@@ -99,7 +95,7 @@ def test_button_that_sticks_or_is_silent_says_so(bench: Bench) -> None:
     ):
         assert set(bench.hold(pressed, seconds)) == {None}
         assert bench.button.problem(bench.now) == said
-    bench.now += HOUR
+    bench.now += 3600.0
     assert bench.button.problem(bench.now) == 'is stale: last heard 60 min ago, limit 250 ms'
 
 

@@ -11,10 +11,9 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
 from bridge_core import clock
-from bridge_core.parameters import ParameterError
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
-from stage.fed_mux import EVERY, FedMux, SteppedMux
+from stage.fed_mux import EVERY, SteppedMux
 from stage.mux_talkers import sticks
 
 BEFORE_THE_STOP = 'not reset: the reset button was pressed before the stop was over'
@@ -178,11 +177,6 @@ def test_publisher_that_was_started_anew_or_lost_a_message_counts_after_a_while(
         assert 'the reset button has lost messages, or a new publisher' in mux.said()
         mux.run(1.0)
     assert mux.press() is State.READY
-
-
-def test_button_on_the_topic_of_another_input_is_refused(context: Any) -> None:
-    with pytest.raises(ParameterError, match='reset_topic'):
-        FedMux(context, reset_topic='esi_drive_bridge/estop')
 
 
 def test_publishers_of_a_remapped_button_are_counted(
