@@ -42,6 +42,7 @@ _READ, _WRITE = ReadDiscreteInputsRequest.function_code, WriteMultipleCoilsReque
 _MBAP = 6  # bytes before the unit: number, protocol, length (Messaging on TCP/IP V1.0b, 3.1.3)
 _MAX_SIZE = 260
 _RTU_ANSWER, _RTU_QUESTION = 3, 7  # bytes to the one that says how many follow
+_CRC, _WRITTEN = 2, 6  # bytes; the latter of an answer that outputs were set
 _SILENT_BYTES = 3.5  # between two frames of RTU (Modbus over Serial Line V1.02, 2.5.1.1)
 _LEAST_SILENCE = 0.00175  # s
 
@@ -75,10 +76,12 @@ class ModbusWire:
     ) -> None:
         self._framing = Framing(rtu=baud is not None, answers=True)
         self._unit = unit
-        self._first, self._count = min(inputs), max(inputs) - min(inputs) + 1
+        first = min(inputs)
+        self._question = ReadDiscreteInputsRequest(address=first, count=max(inputs) - first + 1)
+        self._bytes = -(-self._question.count // 8)
         self._outputs = outputs
         self._baud = baud
-        self.bits = {line: line - self._first for line in inputs}
+        self.bits = {line: line - first for line in inputs}
         self.numbered = baud is None
         self.gap = 0.0
         if baud is not None:
@@ -87,8 +90,7 @@ class ModbusWire:
 
     def read(self, number: int) -> bytes:
         """Return the question for all inputs."""
-        question = ReadDiscreteInputsRequest(address=self._first, count=self._count)
-        return self._framing.build(question, self._unit, number)
+        return self._framing.build(self._question, self._unit, number)
 
     def write(self, values: Sequence[bool], number: int) -> bytes:
         """Return what sets all outputs."""
@@ -98,12 +100,17 @@ class ModbusWire:
 
     def parser(self) -> StreamParser[Answer]:
         """Return what finds answers of this unit."""
-        return self._framing.parser(self._own_answer, self._unit, self._baud)
+        # None is longer: a corrupt length must not hide the answers behind it.
+        size = max(_WRITTEN, _RTU_ANSWER + self._bytes) + (_CRC if self._baud else _MBAP)
+        return self._framing.parser(self._own_answer, self._unit, self._baud, size)
 
     def _own_answer(self, pdu: ModbusPDU) -> Answer:
         answer = _answer(pdu)
-        if isinstance(answer, Inputs) and len(answer.values) != -(-self._count // 8) * 8:
-            raise ChecksumError(f'{len(answer.values)} inputs: of another question')
+        if isinstance(answer, Inputs):
+            if len(answer.values) != 8 * self._bytes:
+                raise ChecksumError(f'{len(answer.values)} inputs: of another question')
+            if pdu.encode() == self._question.encode():  # from line 768 on it can be read so
+                raise ChecksumError('the echo of the question')
         return answer
 
 
@@ -126,6 +133,7 @@ class Framing:
         convert: Callable[[ModbusPDU], MessageT],
         unit: int | None = None,
         baud: int | None = None,
+        max_size: int = _MAX_SIZE,
     ) -> StreamParser[MessageT]:
         """Return a parser. :param unit: None: of any. :param baud: of a serial line."""
 
@@ -137,9 +145,8 @@ class Framing:
             return convert(message)
 
         header = bytes((unit,)) if self._rtu and unit is not None else b''
-        expire = expiry(_MAX_SIZE, baud or math.inf)
-        form = FrameFormat(header, self._head_size, _MAX_SIZE, self._size_of, decode)
-        return StreamParser(form, expire=expire)
+        form = FrameFormat(header, self._head_size, max_size, self._size_of, decode)
+        return StreamParser(form, expire=expiry(max_size, baud or math.inf))
 
     def _size_of(self, head: bytes) -> int:
         message = head if self._rtu else head[_MBAP:]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import os
 import select
 from typing import Any
@@ -16,6 +16,8 @@ from bridge_core.transports.serial import SerialTransport
 from bridge_core.waiting import ready
 from io_bridge.protocol import gpio_frame, gpio_values
 
+_MOST_EDGES = 1024  # as many as the kernel keeps
+
 
 class ModbusTransport(SerialTransport):
     """
@@ -24,19 +26,27 @@ class ModbusTransport(SerialTransport):
     The session waits by itself. Its farewell cannot, and would run into an answer, or be dropped
     by a box that takes one question at a time.
 
-    :param answer_time: s.
+    :param find: returns the answers that bytes complete. :param answer_time: s.
     """
 
-    def __init__(self, port: str, baud: int, answer_time: float) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        find: Callable[[bytes, float], Sequence[object]],
+        answer_time: float,
+    ) -> None:
         super().__init__(port, baud)
+        self._find = find
         self._answer_time = answer_time
         self._free_at = 0.0
 
     def receive(self) -> list[bytes]:
         """Return the bytes that have arrived. :raises TransportError: the port is gone."""
         data = super().receive()
-        if data:
-            self._free_at = 0.0
+        for each in data:
+            if self._find(each, clock.now()):
+                self._free_at = 0.0
         return data
 
     def send(self, frame: bytes) -> bool:
@@ -73,7 +83,7 @@ class GpioTransport:
             from gpiod.line import Bias, Direction, Edge, Value
         except ImportError as error:
             raise ValueError(
-                "transport = 'gpio': install gpiod 2 or newer, as by pip install "
+                "transport = 'gpio': install gpiod, as by pip install "
                 f'"rugged_teleop[gpio]" ({error})'
             ) from error
         self.name = chip
@@ -94,6 +104,7 @@ class GpioTransport:
         self._lines: Any = None
         self._answers: list[bytes] = []
         self._values: dict[int, bool] = {}
+        self._edged: dict[int, bool] = {}  # the same, by their edges alone
         self._seen = 0  # edges, by the kernel's count
         self._wake = self._epoll = None  # type: Any
 
@@ -113,6 +124,7 @@ class GpioTransport:
             self._epoll.register(self._lines.fd, select.EPOLLIN)
             self._epoll.register(self._wake, select.EPOLLIN)
             self._read()
+            self._edged = dict(self._values)
         except (OSError, ValueError) as error:
             self.close()
             raise TransportError(
@@ -137,15 +149,14 @@ class GpioTransport:
         return -1 if self._epoll is None else int(self._epoll.fileno())
 
     def receive(self) -> list[bytes]:
-        """Return edges and answers. :raises TransportError: the chip is gone."""
-        try:
-            edges = self._edges()
-        except OSError as error:
-            raise self._gone(error) from error
+        """Return answers, and edges since. :raises TransportError: the chip is gone."""
         answers, self._answers = self._answers, []
         if answers:
             os.eventfd_read(self._wake)
-        return [*edges, *answers]
+        try:
+            return [*answers, *self._edges()]
+        except OSError as error:
+            raise self._gone(error) from error
 
     def send(self, frame: bytes) -> bool:
         """Obey a question; its answer is received. :raises TransportError: the chip is gone."""
@@ -178,13 +189,21 @@ class GpioTransport:
         return gpio_frame(b'I', number, [self._values[line] for line in self._inputs])
 
     def _edges(self) -> list[bytes]:
-        """Return a frame for each edge; all off where the kernel dropped some: one was a stop."""
-        frames = []
-        while ready([self._lines.fd], 0.0):
+        """
+        Return a frame for each edge; all off where the kernel dropped some: one was a stop.
+
+        The kernel looks at a line a while after its edge, so two that are alike hide a pulse.
+        """
+        frames: list[bytes] = []
+        while len(frames) < _MOST_EDGES and ready([self._lines.fd], 0.0):
             for edge in self._lines.read_edge_events():
+                line, on = edge.line_offset, edge.event_type is edge.Type.RISING_EDGE
                 if edge.global_seqno != self._seen + 1:
                     frames.append(gpio_frame(b'I', 0))
+                elif self._edged[line] is on:
+                    self._values[line] = not on
+                    frames.append(self._frame())
+                self._values[line] = self._edged[line] = on
                 self._seen = edge.global_seqno
-                self._values[edge.line_offset] = edge.event_type is edge.Type.RISING_EDGE
                 frames.append(self._frame())
         return frames

@@ -33,10 +33,14 @@ OUTPUTS = ('red', 'yellow', 'green', HORN)
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """An answer. :param values: on or off, by bit. :param number: of the question; 0: an edge."""
+    """
+    An answer, or an edge.
+
+    :param values: on or off, by bit. :param number: of the question; None: an edge.
+    """
 
     values: tuple[bool, ...]
-    number: int
+    number: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +114,7 @@ class GpioWire:
             return Written(number)
         if kind != b'I':
             raise FrameError(f'no answer: {frame.hex()}')
-        return Inputs(values, number)
+        return Inputs(values, number or None)
 
 
 def gpio_frame(kind: bytes, number: int, values: Sequence[bool] = ()) -> bytes:

@@ -25,12 +25,12 @@ def make_session(values: Mapping[str, Any]) -> Session:
 def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
     """Return the port that ``transport`` names, not yet open. :raises ValueError: none can be."""
     port, transport = values['port'], values['transport']
-    if (transport == 'tcp') is not port.startswith('socket://'):
+    if not port.startswith('socket://') if transport == 'tcp' else '://' in port:
         # Answers of RTU have no numbers: a network may keep one back, and it would seem new.
         where = 'socket://host:502' if transport == 'tcp' else 'a device file'
         raise ValueError(f'port = {port!r}: allowed is {where} with transport {transport}')
+    settings = Settings.from_parameters(values)
     if transport == 'gpio':
-        settings = Settings.from_parameters(values)
         return GpioTransport(
             port,
             settings.inputs,
@@ -39,7 +39,9 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
             active_low=values['active_low'],
         )
     check_serial_port(values)
-    return ModbusTransport(port, values['baud'], values['answer_time'])
+    answers = settings.wire().parser()
+    answers.expect_gaps(gap_of(values))
+    return ModbusTransport(port, values['baud'], answers.feed, values['answer_time'])
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

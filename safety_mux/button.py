@@ -51,7 +51,13 @@ class ResetButton:
             self.free_at, self._since, self._fault = self._heard_at, now, ''
         self._heard_at = now
         self._fault = self._fault or trouble
-        return self._fault or self._wrong_length(now) if before and not pressed else None
+        if pressed or not before:
+            return None
+        held = now - self._since
+        if self._fault or SHORTEST <= held <= LONGEST:
+            return self._fault
+        limits = f'{in_words(SHORTEST)} to {in_words(LONGEST)}'
+        return f'was held for {in_words(held)}; {limits} count'
 
     def problem(self, now: float) -> Coded | None:
         """Return why it could not reset now, in words; None if it could."""
@@ -63,13 +69,6 @@ class ResetButton:
             text = f'has been held for {in_words(held)}: release it'
             return Coded('mux.button.held', text, held_s=held)
         return None
-
-    def _wrong_length(self, now: float) -> str:
-        held = now - self._since
-        if SHORTEST <= held <= LONGEST:
-            return ''
-        limits = f'{in_words(SHORTEST)} to {in_words(LONGEST)}'
-        return f'was held for {in_words(held)}; {limits} count'
 
 
 class Presses:

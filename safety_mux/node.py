@@ -200,7 +200,7 @@ class SafetyMux(ManagedNode):
                     Bool, f'~/button/{name}', COMMAND_QOS, _BUTTON_PERIOD, lazy=True
                 )
                 self._buttons[name] = GatedButton(topic)
-            self._buttons[name].add(gate, index, self.values[f'operator.{operator}.pressed_at'])
+            self._buttons[name].add(gate, index)
 
     def _gated_joy(self, name: str) -> GatedJoy:
         mapping = joy_mapping(self.values, name)

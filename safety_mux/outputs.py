@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import chain, islice
 import math
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -138,6 +137,7 @@ class GatedJoy:
         self._waits = False  # and it was not passed on yet
         self._free_axes: set[int] = set()  # let go of since the gate is open
         self._free_buttons: set[int] = set()
+        self._released: set[int] = set()  # buttons that were not held since
         self._pacer = Pacer(_NEUTRAL_PERIOD)
         self._pacer.start(-math.inf)
 
@@ -158,29 +158,27 @@ class GatedJoy:
         self._is_open = has_control
         if has_control:
             self._free_axes, self._free_buttons = set(), set(self._deadman)
+            self._released = set(self._deadman)
             if self._heard is not None:
                 self._note(self._heard)
         else:
             self._pacer.start(now)
             self.say(now)
 
-    def button(self, index: int) -> int:
-        """Return what is passed on of a button."""
-        if self._heard is None or not (self._is_open and index in self._free_buttons):
-            return 0
-        buttons = self._heard.buttons
-        return int(buttons[index]) if index < len(buttons) else 0
+    def holds(self, index: int) -> bool:
+        """Tell whether he who has control holds a button, pressed since he has."""
+        buttons = () if self._heard is None else self._heard.buttons
+        held = {i for i, value in enumerate(buttons) if value >= self._pressed_at}
+        return self._is_open and index in self._released & held
 
     def say(self, now: float) -> None:
         """Publish what was heard since the last time, or what is due while the gate is closed."""
         if self._heard is None or self.publisher is None:
             return
-        if self._is_open:
-            if self._waits:
-                self.publisher.publish(self._passed(self._heard))
-        elif self._pacer.is_due(now):
-            self.publisher.publish(self._neutral(self._heard))
-            self._pacer.sent(now)
+        if self._waits if self._is_open else self._pacer.is_due(now):
+            self.publisher.publish(self._passed(self._heard))
+            if not self._is_open:
+                self._pacer.sent(now)
         self._waits = False
 
     @property
@@ -188,40 +186,33 @@ class GatedJoy:
         """The first of what is not passed on because it was held when control began."""
         if self._heard is None or self.publisher is None or not self._is_open:
             return []
-        axes, buttons = range(len(self._heard.axes)), range(len(self._heard.buttons))
-        held = chain(
-            (f'axis {i}' for i in axes if i not in self._free_axes),
-            (f'button {i}' for i in buttons if i not in self._free_buttons),
-        )
-        return [*islice(held, _MOST_HELD)]
+        axes = {*range(len(self._heard.axes))} - self._free_axes
+        buttons = {*range(len(self._heard.buttons))} - self._free_buttons
+        held = [f'axis {i}' for i in sorted(axes)] + [f'button {i}' for i in sorted(buttons)]
+        return held[:_MOST_HELD]
 
     def _note(self, joy: Joy) -> None:
         limits = (self._deadbands.get(i, self._deadband) for i in range(len(joy.axes)))
         pairs = zip(joy.axes, limits, strict=True)
         self._free_axes |= {i for i, (value, limit) in enumerate(pairs) if abs(value) <= limit}
         self._free_buttons |= {i for i, value in enumerate(joy.buttons) if value == 0}
+        self._released |= {i for i, value in enumerate(joy.buttons) if value < self._pressed_at}
 
     def _passed(self, joy: Joy) -> Joy:
         return Joy(
-            header=self._header(joy),
+            header=Header(stamp=self._stamp(), frame_id=joy.header.frame_id),
             axes=[v if self._counts(i, joy) else 0.0 for i, v in enumerate(joy.axes)],
-            buttons=[v if i in self._free_buttons else 0 for i, v in enumerate(joy.buttons)],
+            buttons=[
+                v if self._is_open and i in self._free_buttons else 0
+                for i, v in enumerate(joy.buttons)
+            ],
         )
 
     def _counts(self, axis: int, joy: Joy) -> bool:
         needed = self._axis_buttons.get(axis)
-        is_held = needed is None or any(joy.buttons[i] >= self._pressed_at for i in needed)
-        return is_held and axis in self._free_axes
-
-    def _neutral(self, joy: Joy) -> Joy:
-        return Joy(
-            header=self._header(joy),
-            axes=[0.0] * len(joy.axes),
-            buttons=[0] * len(joy.buttons),
+        return (self._is_open and axis in self._free_axes) and (
+            needed is None or any(joy.buttons[i] >= self._pressed_at for i in needed)
         )
-
-    def _header(self, joy: Joy) -> Header:
-        return Header(stamp=self._stamp(), frame_id=joy.header.frame_id)
 
 
 class GatedButton:
@@ -229,12 +220,12 @@ class GatedButton:
 
     def __init__(self, topic: Repeated) -> None:
         self.topic = topic
-        self._of: list[tuple[GatedJoy, int, int]] = []
+        self._of: list[tuple[GatedJoy, int]] = []
 
-    def add(self, gate: GatedJoy, index: int, pressed_at: int) -> None:
-        """Obey a button of an operator, which counts as held from this value on."""
-        self._of.append((gate, index, pressed_at))
+    def add(self, gate: GatedJoy, index: int) -> None:
+        """Obey a button of an operator."""
+        self._of.append((gate, index))
 
     def say(self, now: float) -> None:
         """Publish it if it has changed, or it is time to."""
-        self.topic.say(any(gate.button(index) >= at for gate, index, at in self._of), now)
+        self.topic.say(any(gate.holds(index) for gate, index in self._of), now)

@@ -13,6 +13,7 @@ from safety_mux.protocol import Demand, Limiter, MalformedInput
 
 _NOWHERE = (0.0, 0.0)
 _AHEAD = 1.2  # of what was commanded, so far may a joint have gone
+_SEEN = 0.25  # of it; by less a joint that was heard has not moved: noise, or another unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class SoftEnds:
     :param slow_zone: how long before an end it begins to be slower: its speed falls in proportion
         to what is left. Above 0.
     :param magnitude: its greatest speed, rad/s. Above 0.
-    :raises ValueError: a value is out of range.
+    :raises ValueError: there is no way.
     """
 
     least: float
@@ -33,10 +34,8 @@ class SoftEnds:
     magnitude: float
 
     def __post_init__(self) -> None:
-        if not -math.inf < self.least < self.most < math.inf:
+        if not self.least < self.most:
             raise ValueError(f'position_min {self.least} must be below position_max {self.most}')
-        if not 0.0 < self.slow_zone < math.inf:
-            raise ValueError(f'slow_zone must be above 0 rad, not {self.slow_zone}')
 
     def limited(self, speed: float, position: float) -> float:
         """Return what is left of a speed at this position; away from an end all of it."""
@@ -57,8 +56,9 @@ class EndedLimiter:
     A limiter whose targets keep to the soft ends; see ``Limiter``.
 
     A joint whose position was not heard does not move. One that was told to move since its
-    position last changed counts as moved, so that a late or frozen position frees nothing, and no
-    second start does. Beyond an end the output outwards is 0 at once.
+    position last did counts as moved, so that a late, frozen or noisy position frees nothing.
+    Nothing of that, nor of a joint that goes astray, ends with a second start. Beyond an end the
+    output outwards is 0 at once.
 
     :param ends: by the joint's place in a demand; joints without have none.
     :param names: of all joints, for words.
@@ -72,7 +72,8 @@ class EndedLimiter:
         self._names = names
         self._positions: dict[int, float] = {}
         self._told: dict[int, tuple[float, float]] = {}  # rad down and up, since that position
-        self._unseen: dict[int, tuple[float, float]] = {}  # the same since it last changed
+        self._seen: dict[int, float] = {}  # positions when they last moved
+        self._unseen: dict[int, tuple[float, float]] = {}  # rad down and up, told since
         self._before: dict[int, float] = {}  # positions before these steps; empty: at rest
         self._astray: dict[int, tuple[float, float]] = {}  # rad down and up, untold, in motion
         self._held: dict[int, float] = {}  # the share of the last target that is left of it
@@ -83,10 +84,13 @@ class EndedLimiter:
 
         :raises MalformedInput: one did not go where its joint was told to.
         """
-        before, self._positions = self._positions, dict(zip(self.ends, positions, strict=True))
-        for n in self.ends:
-            if self._positions[n] != before.get(n):
-                self._unseen.pop(n, None)
+        self._positions = dict(zip(self.ends, positions, strict=True))
+        for n, position in self._positions.items():
+            down, up = self._unseen.get(n, _NOWHERE)
+            moved = position - self._seen.get(n, position)
+            obeyed = (up if moved > 0.0 else down) and abs(moved) > _SEEN * max(down, up)
+            if obeyed or not (down or up):
+                self._seen[n], self._unseen[n] = position, _NOWHERE
         if self._before and not self._told:
             return  # there was no step meanwhile
         strays = [n for n in self._before if self._strays(n)]
@@ -101,25 +105,21 @@ class EndedLimiter:
     def _strays(self, n: int) -> bool:
         moved, (down, up) = self._positions[n] - self._before[n], self._told[n]
         below, above = self._astray.get(n, _NOWHERE)
-        self._astray[n] = _NOWHERE  # who turns it by hand moves it untold
-        if down or up:
+        if down or up:  # who turns it by hand moves it untold
             below, above = below - moved - _AHEAD * down, above + moved - _AHEAD * up
             self._astray[n] = max(below, 0.0), max(above, 0.0)
-        return max(self._astray[n]) > self.ends[n].slow_zone / 2.0
+        return max(below, above) > self.ends[n].slow_zone / 2.0
 
     def _left(self, n: int, speed: float) -> float:
         """Return what the end leaves of a speed, by the farthest that the joint may be."""
-        return (
-            self.ends[n].limited(speed, self._farthest(n, speed)) if n in self._positions else 0.0
-        )
-
-    def _farthest(self, n: int, speed: float) -> float:
+        if n not in self._positions:
+            return 0.0
         down, up = self._unseen.get(n, _NOWHERE)
-        return self._positions[n] + (up if speed > 0.0 else -down)
+        return self.ends[n].limited(speed, self._positions[n] + (up if speed > 0.0 else -down))
 
     def trust(self) -> None:
         """Take each joint to be where it says: somebody has looked, who resets."""
-        self._unseen = {}
+        self._unseen, self._astray = {}, {}
 
     @property
     def words(self) -> list[Coded]:
@@ -182,5 +182,5 @@ class EndedLimiter:
 
     def reset(self) -> None:
         """Set the output to zero at once."""
-        self._held, self._before, self._told, self._astray = {}, {}, {}, {}
+        self._held, self._before, self._told = {}, {}, {}
         self._limiter.reset()

@@ -83,10 +83,7 @@ class Contact:
     def _coded(self, what: str, text: str, **fields: int) -> Coded:
         return Coded(f'io.estop.{what}', text, name=self.name, **fields)
 
-    def changes_at(self, now: float) -> float:
-        """Return when time alone changes what it says next; infinite: never."""
-        moments = (
-            self._disagree_since + self._discrepancy_time,
-            self._released_at + self._debounce,
-        )
-        return min((each for each in moments if each > now), default=math.inf)
+    @property
+    def moments(self) -> tuple[float, float]:
+        """When time alone changes what it says."""
+        return self._disagree_since + self._discrepancy_time, self._released_at + self._debounce

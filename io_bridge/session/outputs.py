@@ -47,7 +47,7 @@ class Outputs:
             return self._state == 'ACTIVE' and now < self._horn_until
         return self._state in _STATES[name]
 
-    def changes_at(self, now: float) -> float:
-        """Return when time alone changes what is wanted next; infinite: never."""
-        moments = (self.heard.deadline, self._horn_until)
-        return min((each for each in moments if each > now), default=math.inf)
+    @property
+    def moments(self) -> tuple[float, float]:
+        """When time alone changes what is wanted."""
+        return self.heard.deadline, self._horn_until

@@ -146,8 +146,8 @@ class Session(BaseSession[bytes, Answer, Panel]):
         self._refusals.clear()
 
     def _take(self, message: Answer, now: float) -> None:
-        if isinstance(message, Inputs) and not message.number and self._wire.numbered:
-            self._take_inputs(message.values, now)  # an edge: news, but no answer
+        if isinstance(message, Inputs) and message.number is None:
+            self._take_inputs(message.values, now)  # news, but no answer
             return
         reads = message.reads if isinstance(message, Refused) else isinstance(message, Inputs)
         question = self._turns.answered(message.number, now, reads=reads)
@@ -156,7 +156,7 @@ class Session(BaseSession[bytes, Answer, Panel]):
         self._refusals.pop(reads, None)
         if isinstance(message, Refused):
             self._refusals[reads] = message.code
-        elif isinstance(message, Inputs) and len(message.values) > max(self._wire.bits.values()):
+        elif isinstance(message, Inputs):
             self._take_inputs(message.values, now)
             self._heard.feed(question.at)
 
@@ -196,10 +196,10 @@ class Session(BaseSession[bytes, Answer, Panel]):
         return Panel(reset, on[0] if len(on) == 1 else first)
 
     def _expires_at(self) -> float:
-        now = self._stepped_at
-        moments = [super()._expires_at(), self._outputs.changes_at(now)]
-        moments += [each.changes_at(now) for each in self._contacts]
-        return min(moments)
+        moments = [*self._outputs.moments]
+        for contact in self._contacts:
+            moments += contact.moments
+        return min([super()._expires_at(), *(at for at in moments if at > self._stepped_at)])
 
     def _sends_at(self) -> float:
         wants = min(self._reads.due, self._writes.due)

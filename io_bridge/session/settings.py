@@ -56,9 +56,9 @@ class Settings(CheckedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        used = [*self.inputs, *self.output_lines] if self.transport == 'gpio' else self.inputs
-        _require_unique('lines', [*used])
-        _require_unique('output_lines', [*self.output_lines])
+        is_chip, used = self.transport == 'gpio', [*self.inputs, *self.output_lines]
+        _require_unique('estop_lines, key_lines, reset_line', [*self.inputs])
+        _require_unique('output_lines', used if is_chip else [*self.output_lines])
         _require_unique('estop_names', [name for name, *_ in self.estops])
         if self.keys and len(self.speeds) != len(self.keys) + 1:
             raise ValueError(
@@ -71,9 +71,9 @@ class Settings(CheckedSettings):
                 f'link_timeout = {self.link_timeout:g}: has to be four times answer_time and '
                 'three periods of poll_rate, or more'
             )
-        if self.transport == 'gpio':
-            if len(self.inputs) > MAX_GPIO_LINES:
-                raise ValueError(f'estop_lines: {MAX_GPIO_LINES} inputs are possible')
+        if is_chip:
+            if len(used) > MAX_GPIO_LINES:
+                raise ValueError(f'estop_lines: {MAX_GPIO_LINES} lines in all are possible')
             return
         lines = sorted(self.output_lines)
         if lines and lines[-1] - lines[0] >= len(lines):
@@ -106,8 +106,8 @@ class Settings(CheckedSettings):
             from io_bridge.modbus import ModbusWire
         except ImportError as error:
             raise ValueError(
-                f'transport = {self.transport!r}: install pymodbus 3.9 or newer, '
-                f'as by pip install "rugged_teleop[modbus]" ({error})'
+                f'transport = {self.transport!r}: install pymodbus, as by pip install '
+                f'"rugged_teleop[modbus]" ({error})'
             ) from error
         baud = self.baud if self.transport == 'rtu' else None
         return ModbusWire(self.unit, self.inputs, self.output_lines, baud)

@@ -47,7 +47,7 @@ class Turns:
         waits = self._answer_time if self._numbered else 2.0 * self._answer_time
         self.free_at = question.at + waits
 
-    def answered(self, number: int, now: float, *, reads: bool) -> Question | None:
+    def answered(self, number: int | None, now: float, *, reads: bool) -> Question | None:
         """Return what this answers; None, and counted: nothing that was asked lately."""
         question = self._open
         if (

@@ -129,11 +129,39 @@ def test_pulse_between_two_readings_comes_as_its_edges(chip: Chip) -> None:
     chip.change(22, False)
     chip.change(22, True)
     port.send(gpio_frame(b'R', 3))  # what happened before comes before it
+    chip.change(27, False)  # and what happens then, behind
     assert port.receive() == [
         bits(0, True, True, False),
         bits(0, True, True, True),
         bits(3, True, True, True),
+        bits(0, True, False, True),
     ]
+
+
+def test_pulse_that_ended_before_the_kernel_looked_at_the_line_is_one(chip: Chip) -> None:
+    port = opened()
+    chip.change(17, True)
+    assert port.receive() == [bits(0, False, True, True), bits(0, True, True, True)]
+    chip.levels[27] = False
+    port.send(gpio_frame(b'R', 3))
+    chip.change(27, False)  # its edge comes after it was read
+    assert port.receive() == [bits(3, True, False, True), bits(0, True, False, True)]
+
+
+def test_edges_without_end_delay_no_stop(chip: Chip, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = chip.read_edge_events
+
+    def read_and_more() -> list[Any]:
+        edges = read()
+        for level in (True, False) * 16:
+            chip.change(17, level)
+        return edges
+
+    monkeypatch.setattr(chip, 'read_edge_events', read_and_more)
+    port = opened()
+    chip.change(17, False)
+    assert port.receive()[0] == bits(0, False, True, True)
+    assert ready([port.fileno()], 0.0)
 
 
 def test_edges_that_the_kernel_dropped_are_a_stop(chip: Chip) -> None:

@@ -6,13 +6,19 @@
 from __future__ import annotations
 
 import itertools
+import math
+import os
 import subprocess
 import sys
+import tty
 from typing import Any
 
 import pytest
 
+from bridge_core import clock
+from bridge_core.waiting import ready
 from io_bridge.modbus import ModbusWire, parser, Read, Write
+from io_bridge.ports import ModbusTransport
 from io_bridge.protocol import Inputs, Refused, Written
 from io_bridge.simulator import Simulator
 from stage.io_rig import crc, inputs, rtu, UNIT
@@ -114,8 +120,54 @@ def test_frame_on_a_slow_line_may_take_its_time() -> None:
     for baud, found in ((1200, 1), (115200, 0)):
         stream = ModbusWire(UNIT, (0, 1), (), baud).parser()
         assert stream.feed(frame[:4], 5.0) == []
-        stream.poll(6.0)
-        assert len(stream.feed(frame[4:], 6.0)) == found
+        stream.poll(5.1)
+        assert len(stream.feed(frame[4:], 5.1)) == found
+
+
+@pytest.mark.parametrize('count', [2, 25])
+def test_corrupt_length_keeps_next_frame(count: int) -> None:
+    size = -(-count // 8)
+    frame = rtu(2, size, 3, *[0] * (size - 1))
+    for length in {*range(256)} - {size}:
+        stream = ModbusWire(UNIT, range(count), (), 19200).parser()
+        assert stream.feed(frame[:2] + bytes((length,)) + frame[3:], 5.0) == []
+        assert (stream.deadline < math.inf) is (len(frame) < 5 + length <= max(8, len(frame)))
+        assert stream.feed(frame, 5.02) == [Inputs((True, True, *[False] * (8 * size - 2)), 0)]
+
+
+@each_line
+def test_echo_of_a_question_is_no_answer(baud: int | None) -> None:
+    for first, count in itertools.product(range(0, 0xFF00, 0x55), (2, 20)):
+        line = ModbusWire(UNIT, range(first, first + count), (), baud)
+        stream = line.parser()
+        assert stream.feed(line.read(7), 5.0) + stream.poll(60.0) == []
+
+
+def test_farewell_waits_for_the_whole_answer_or_until_none_can_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, answer = 100.0, inputs(True, True)
+    monkeypatch.setattr(clock, 'now', lambda: now)
+    box, line = os.openpty()
+    tty.setraw(line)
+    answers = ModbusWire(UNIT, (0, 1), (), 19200).parser()
+    port = ModbusTransport(os.ttyname(line), 19200, answers.feed, 0.5)
+    port.open()
+    try:
+        assert port.send(b'question')
+        for part, is_free in ((answer[:4], False), (answer[4:], True)):
+            assert not port.send(b'farewell')
+            os.write(box, part)
+            assert ready([port.fileno()], 5.0)
+            port.receive()
+            assert port.send(b'question') is is_free
+        assert not port.send(b'farewell')
+        now += 0.5
+        assert port.send(b'farewell')
+    finally:
+        port.close()
+        os.close(box)
+        os.close(line)
 
 
 def test_answer_of_another_unit_is_none() -> None:

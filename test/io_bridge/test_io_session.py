@@ -17,7 +17,7 @@ from io_bridge.protocol import gpio_frame, gpio_values
 from io_bridge.session import Panel, Settings
 from io_bridge.session.contacts import Contact
 from io_bridge.session.turns import Question, Turns
-from io_bridge.wire import make_session
+from io_bridge.wire import make_session, make_transport
 from stage.io_rig import Box, inputs, PRESSED, RELEASED, rtu, values_of
 
 DISCREPANCY, DEBOUNCE, TIMEOUT = 0.5, 0.1, 0.25
@@ -111,15 +111,18 @@ def test_story_of_a_contact(story: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('said', 'after'),
-    [('released', DEBOUNCE), ('first', DISCREPANCY), ('pressed', math.inf)],
+    ('said', 'moments'),
+    [
+        ('released', (math.inf, 8.0 + DEBOUNCE)),
+        ('first', (8.0 + DISCREPANCY, math.inf)),
+        ('pressed', (math.inf, math.inf)),
+    ],
 )
-def test_contact_tells_when_time_alone_changes_what_it_says(said: str, after: float) -> None:
+def test_contact_tells_when_time_alone_changes_what_it_says(said: str, moments: Any) -> None:
     contact = Contact('a', antivalent=False, discrepancy_time=DISCREPANCY, debounce=DEBOUNCE)
     assert contact.reason(8.0) == 'a was not read yet'
     contact.take(*CHANNELS[said], 8.0)
-    assert contact.changes_at(8.0) == 8.0 + after
-    assert contact.changes_at(8.0 + DISCREPANCY) == math.inf
+    assert contact.moments == moments
 
 
 def test_unread_inputs_are_a_stop_by_the_age_of_the_question() -> None:
@@ -189,11 +192,15 @@ def test_frame_that_was_not_offered_is_no_question() -> None:
     assert session.values(10.03)['answers that nobody asked for'] == 1
 
 
-def test_answer_to_no_order_is_no_edge() -> None:
+def test_answer_to_nothing_is_no_edge() -> None:
     box = open_box()
     box.take(gpio_frame(b'W', 0))
-    assert box.session.values(box.now)['answers that nobody asked for'] == 1
     assert not box.session.estop
+    session = modbus(transport='tcp')
+    session.receive(bytes.fromhex('0000 0000 0004 01 02 01 03'), 10.01)
+    assert not any(name.startswith('input') for name in session.values(10.01))
+    for each in (box.session, session):
+        assert each.values(box.now)['answers that nobody asked for'] == 1
 
 
 def test_first_line_serves_like_any_other() -> None:
@@ -371,12 +378,6 @@ def test_box_that_refuses_to_write_is_told_and_read_all_the_same() -> None:
     )
 
 
-def test_fewer_inputs_than_asked_for_are_no_answer() -> None:
-    session = modbus(estop_lines=[0, 8])
-    session.receive(inputs(*[True] * 8), 10.01)
-    assert not session.link_up
-
-
 @pytest.mark.parametrize('baud', [1200, 115200])
 def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
     session = modbus(outputs=['red'], baud=baud, answer_time=0.06, link_timeout=0.5)
@@ -400,23 +401,24 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
         ({'estop_lines': [0]}, 'two are needed'),
         ({'estop_names': ['']}, 'two are needed'),
         ({'estop_names': [''], 'estop_lines': [], 'key_lines': [4, 5]}, 'two are needed'),
-        ({'estop_lines': [1, 1]}, 'stands there twice'),
+        ({'estop_lines': [1, 1]}, '^estop_lines, .*: 1 stands there twice'),
         ({'estop_names': ['a', 'a'], 'estop_lines': [0, 1, 2, 3]}, 'stands there twice'),
-        ({'reset_line': 0}, 'stands there twice'),
+        ({'reset_line': 0}, 'reset_line: 0 stands there twice'),
         ({'key_lines': [4, 5]}, 'key_speeds: 3 are needed'),
         ({'outputs': ['red', 'green']}, 'one is needed for each'),
         ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
-        ({'outputs': ['red'], 'transport': 'gpio'}, 'stands there twice'),
-        ({'outputs': ['red', 'green'], 'output_lines': [3, 3]}, 'stands there twice'),
+        ({'outputs': ['red'], 'transport': 'gpio'}, '^output_lines: 0 stands there twice'),
+        ({'outputs': ['red', 'green'], 'output_lines': [3, 3]}, '^output_lines: 3 stands'),
         ({'key_lines': [4], 'key_speeds': [1.0, 0.3]}, 'the first one must be the least'),
         (
             {
                 'transport': 'gpio',
                 'estop_names': [f'e{n}' for n in range(32)],
                 'estop_lines': [*range(64)],
-                'reset_line': 64,
+                'outputs': ['red'],
+                'output_lines': [64],
             },
-            '64 inputs are possible',
+            '64 lines in all are possible',
         ),
         ({'debounce': -0.1}, 'debounce'),
         ({'link_timeout': 0.1}, 'four times answer_time'),
@@ -427,6 +429,19 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
 def test_parameters_that_contradict_are_refused(changes: Mapping[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         Settings.from_parameters(values_of(PARAMETERS, **changes))
+
+
+@pytest.mark.parametrize(
+    ('transport', 'port'),
+    [
+        *(('rtu', url) for url in ('socket://h:1', 'rfc2217://h:1', 'loop://')),
+        *(('tcp', other) for other in ('/dev/io_box', 'rfc2217://h:1')),
+        ('gpio', 'socket://h:1'),
+    ],
+)
+def test_port_of_another_transport_is_refused(transport: str, port: str) -> None:
+    with pytest.raises(ValueError, match='allowed is'):
+        make_transport(values_of(PARAMETERS, transport=transport, port=port))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@
 """The reset button at the mux: what it may reset, by which rules, and what ~/status says of it."""
 
 from collections.abc import Iterator
-import math
 from typing import Any
 
 import pytest
@@ -12,12 +11,10 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 
 from bridge_core import clock
-from bridge_core.parameters import ParameterError
 from safety_mux.node import SafetyMux
 from safety_mux.protocol import State
-from stage.fed_mux import EVERY, FedMux, SteppedMux
-from stage.mux_talkers import NewMux, sticks
-from stage.rig import Observer
+from stage.fed_mux import EVERY, SteppedMux
+from stage.mux_talkers import sticks
 
 BEFORE_THE_STOP = 'not reset: the reset button was pressed before the stop was over'
 
@@ -180,29 +177,6 @@ def test_publisher_that_was_started_anew_or_lost_a_message_counts_after_a_while(
         assert 'the reset button has lost messages, or a new publisher' in mux.said()
         mux.run(1.0)
     assert mux.press() is State.READY
-
-
-def test_button_on_the_topic_of_another_input_is_refused(context: Any) -> None:
-    with pytest.raises(ParameterError, match='reset_topic'):
-        FedMux(context, reset_topic='esi_drive_bridge/estop')
-
-
-def test_button_on_a_topic_resets_the_node(observer: Observer, new_mux: NewMux) -> None:
-    bench = new_mux(reset_topic='button')
-    button = bench.talker(Bool, 'button', Bool(data=False))
-    pressed_at = -math.inf
-
-    def press() -> bool:
-        """Press it now and then, as somebody does until it works."""
-        nonlocal pressed_at
-        since = clock.now() - pressed_at
-        if since > 3.0 and bench.may_reset():
-            pressed_at = clock.now()
-        button.message = Bool(data=clock.now() < pressed_at + 0.4)
-        return bench.says('READY')
-
-    bench.wait(press, 'READY', 20.0)
-    bench.observer.holds_for(lambda: not bench.enable.last.data, 0.3)
 
 
 def test_publishers_of_a_remapped_button_are_counted(

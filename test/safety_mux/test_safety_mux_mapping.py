@@ -49,22 +49,10 @@ def test_every_shape_is_odd_and_bounded(value: float, deadband: float, expo: flo
     assert stick.neutral(value) <= (stick.shape(value) == 0.0)
 
 
-@pytest.mark.parametrize(
-    'given_values',
-    [
-        {'axis': -1},
-        {'scale': 0.0},
-        {'scale': math.nan},
-        {'deadband': 1.0},
-        {'deadband': -0.1},
-        {'deadband': math.nan},
-        {'expo': 1.1},
-        {'expo': math.nan},
-    ],
-)
-def test_senseless_stick_is_refused(given_values: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=next(iter(given_values))):
-        Stick(**({'axis': 0} | given_values))
+@pytest.mark.parametrize('scale', [0.0, math.nan, math.inf])
+def test_senseless_stick_is_refused(scale: float) -> None:
+    with pytest.raises(ValueError, match='scale of axis 3'):
+        Stick(3, scale)
 
 
 # A whole message.
@@ -101,14 +89,10 @@ def test_raw_switch_is_held_from_its_threshold_on(value: int, held: bool) -> Non
     assert mapping.sample([0.0], [value]).deadman is held
 
 
-def test_switch_that_is_not_there_is_not_held() -> None:
-    assert not PLAIN.sample([0.0, 0.0], [-1]).deadman
-
-
 LEVELS = JoyMapping(
     ARCADE.sticks, deadman=(0,), mixing='arcade', levels=(0.5, 0.2, 1.0), level_button=1
 )
-SIX_AND_EIGHT = JoyMapping((STRAIGHT,), deadman=(0,), axes=6, buttons=8)
+EIGHT = JoyMapping((STRAIGHT,), deadman=(0,), buttons=8)
 OWN_BUTTON = JoyMapping(PLAIN.sticks, deadman=(0,), axis_buttons=(-1, 2), pressed_at=2)
 
 
@@ -159,8 +143,7 @@ def test_axis_with_a_button_of_its_own_counts_while_that_is_held(
         (PLAIN, [0.0, 0.0, 2.0], [1], 'axis 2 is 2.0, beyond'),
         (LEVELS, [0.0, 0.0], [0], 'speed button 1 does not exist'),
         (OWN_BUTTON, [0.0, 0.0], [0], 'axis button 2 does not exist'),
-        (SIX_AND_EIGHT, [0.0] * 5, [0] * 8, 'it has 5 axes, 6 are needed'),
-        (SIX_AND_EIGHT, [0.0] * 6, [0] * 7, 'it has 7 buttons, 8 are needed'),
+        (EIGHT, [0.0], [0] * 7, 'it has 7 buttons, 8 are needed'),
     ],
 )
 def test_malformed_message_says_what_is_wrong(
@@ -168,7 +151,7 @@ def test_malformed_message_says_what_is_wrong(
 ) -> None:
     with pytest.raises(MalformedInput, match=words):
         mapping.sample(sent, buttons)
-    assert SIX_AND_EIGHT.sample([0.0] * 6, [0] * 8).at_rest
+    assert EIGHT.sample([0.0], [0] * 8).at_rest
 
 
 @given(st.lists(st.floats()), st.lists(st.integers(-(2**31), 2**31 - 1)))
@@ -187,19 +170,11 @@ def test_any_message_is_a_finite_sample_or_malformed(
     [
         ({'sticks': ()}, 'one stick or more'),
         ({'deadman': ()}, 'there must be a deadman'),
-        ({'deadman': (-1, 0)}, 'deadman indices'),
         ({'deadman': (1, 1)}, 'deadman indices'),
         ({'mixing': 'tank'}, 'tank mixing needs two sticks, not 1'),
         ({'mixing': 'arcade'}, 'arcade mixing needs two sticks, not 1'),
-        ({'mixing': 'swerve'}, 'mixing must be'),
-        ({'axes': -1}, 'least number'),
-        ({'buttons': -1}, 'least number'),
-        ({'pressed_at': 0}, 'pressed_at'),
         ({'levels': (0.5, 1.0)}, 'speed_levels'),
         ({'level_button': 1}, 'speed_button'),
-        ({'levels': (0.0, 1.0), 'level_button': 1}, 'above 0 and at most 1'),
-        ({'levels': (0.5, 1.1), 'level_button': 1}, 'above 0 and at most 1'),
-        ({'levels': (0.5, math.nan), 'level_button': 1}, 'above 0 and at most 1'),
         ({'axis_buttons': (1, 2)}, 'axis_buttons are for 1'),
     ],
 )
@@ -266,14 +241,6 @@ def test_twist_with_any_field_that_is_no_number_is_malformed(field: int, value: 
         DifferentialDrive(0.5, 0.1).demand(twist[:3], twist[3:])
 
 
-@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, math.inf])
-def test_wheels_without_size_are_refused(value: float) -> None:
-    with pytest.raises(ValueError, match='wheel_separation'):
-        DifferentialDrive(value, 0.1)
-    with pytest.raises(ValueError, match='wheel_radius'):
-        DifferentialDrive(0.5, value)
-
-
 # Named joints.
 
 
@@ -306,9 +273,3 @@ def test_malformed_joints_say_what_is_wrong(
 ) -> None:
     with pytest.raises(MalformedInput, match=re.escape(words)):
         read(names, values)
-
-
-@pytest.mark.parametrize('names', [(), ('a', 'a'), ('a', '')])
-def test_senseless_joint_names_are_refused(names: tuple[str, ...]) -> None:
-    with pytest.raises(ValueError, match='joint names'):
-        NamedJoints(names)

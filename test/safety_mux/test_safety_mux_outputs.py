@@ -13,7 +13,6 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, Vector3
-from hypothesis import given, strategies as st
 import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -25,7 +24,7 @@ from bridge_core.cdr import bool_message
 from bridge_core.lane import owner_of
 from safety_mux.mapping import JoyMapping, Stick
 from safety_mux.node import SafetyMux
-from safety_mux.outputs import command_of, GatedJoy, Repeated
+from safety_mux.outputs import command_of, GatedButton, GatedJoy, Repeated
 from safety_mux.protocol import State
 from safety_mux.report import unheard
 from stage.fed_mux import LIMIT, StepMux, TICK
@@ -138,15 +137,26 @@ class Said:
         return self.messages
 
 
-def test_value_is_said_at_once_and_then_once_in_a_period() -> None:
-    story = ((5.0, False), (5.5, False), (6.0, False), (6.9, False), (7.2, False), (8.0, False))
-    assert Said().say(*story) == [(5.0, False), (6.0, False), (7.2, False), (8.0, False)]
+# What is said at which times, as 0 or 1; behind | what nobody hears.
+REPEATED = {
+    'at once and then once in a period': '0: 5 6 7.2 8 | 5.5 6.9',
+    'a change at once, and topics of one period together': '0: 0; 1: .4 1 | .9; 0: 1.5 2.1',
+    'at the same moments whenever it began': '1: .8 1 | .9',
+    'what was due while nobody asked once': '1: 0 9 10 12 13 | 9 9.9 12 12.9',
+}
 
 
-def test_change_is_said_at_once_and_topics_of_one_period_are_repeated_together() -> None:
-    story = ((0.0, False), (0.4, True), (0.9, True), (1.0, True), (1.5, False), (2.1, False))
-    assert Said().say(*story) == [s for s in story if s != (0.9, True)]
-    assert Said().say((0.8, True), (0.9, True), (1.0, True)) == [(0.8, True), (1.0, True)]
+@pytest.mark.parametrize('name', REPEATED)
+def test_topic_is_said(name: str) -> None:
+    said = Said()
+    expected: list[tuple[float, bool]] = []
+    for part in REPEATED[name].split('; '):
+        value, _, times = part.partition(': ')
+        told, quiet = ([*map(float, each.split())] for each in f'{times} |'.split('|')[:2])
+        story = [(at, value == '1') for at in sorted([*told, *quiet])]
+        expected += [(at, value == '1') for at in told]
+        said.say(*story)
+    assert said.messages == expected
 
 
 def test_command_is_repeated_with_enable_at_rest_and_at_rate_else(
@@ -224,12 +234,6 @@ def test_stop_that_follows_a_stop_is_logged_once(
     assert [text[: len(words)] for text, words in zip(said, demands, strict=True)] == demands
 
 
-def test_what_was_due_while_nobody_asked_is_said_once() -> None:
-    story = ((0.0, True), (9.0, True), (9.0, True), (9.9, True), (10.0, True), (12.0, True))
-    told = [(0.0, True), (9.0, True), (10.0, True), (12.0, True)]
-    assert Said().say(*story, (12.0, True), (12.9, True), (13.0, True)) == [*told, (13.0, True)]
-
-
 def test_lazy_topic_is_said_to_nobody_on_change_and_repeated_to_who_listens() -> None:
     said = Said(lazy=True)
     alone = ((0.0, True), (1.0, True), (2.5, True), (2.6, False), (4.0, False))
@@ -238,7 +242,7 @@ def test_lazy_topic_is_said_to_nobody_on_change_and_repeated_to_who_listens() ->
     assert said.say((4.5, False), (5.0, False), (5.5, False))[2:] == [(5.0, False)]
 
 
-# One operator's gate.
+# One operator's gate; assurance/explorations has what goes out of it in every state.
 
 # Steps 'hear AXES/BUTTONS', 'open' or 'closed' with the seconds since the last one and what goes
 # out then, if anything does, and 'held' with what is left out, in order.
@@ -247,15 +251,11 @@ GATES = {
     'nothing goes out before the first message': 'closed .1; open .1; held; closed .1',
     'each message goes out once and unchanged': f"""{CONTROL} hear .5 -1/1 1; open .01: .5 -1/1 1;
         open .01; hear .25 0/1 1; open .01: .25 0/1 1; open .01""",
-    'the end of control is neutral at once': f"""{CONTROL} hear .5 .5/1 0; closed: 0 0/0 0;
-        hear .5 .5/1 0; closed; closed .05: 0 0/0 0""",
     'what was held before control is 0 until let go of': """hear 0 .6/1 1; open: 0 0/1 0;
         held axis 1, button 1; hear .3 .7/1 1; open .01: .3 0/1 0; hear .3 -.025/1 0;
         open .01: .3 -.025/1 0; held; hear .3 .5/1 1; open .01: .3 .5/1 1""",
     'nothing is held back while it is closed': """open; closed; hear 0 .6/1 0; closed .05: 0 0/0 0;
         held""",
-    'new control forgets what was let go of': f"""{CONTROL} hear 0 .5/1 0; open: 0 .5/1 0;
-        closed: 0 0/0 0; open; hear 0 .5/1 0; open: 0 0/1 0; held axis 1""",
     'a message may become longer or shorter': f"""{CONTROL} hear .5 .5 .5/1 0;
         open: .5 .5 0/1 0; hear .5/; open: .5/; closed: 0/""",
 }
@@ -295,19 +295,21 @@ def test_neutral_is_repeated_at_20_hz_with_the_lengths_and_the_frame_of_the_last
     assert gate.messages[-1].header == STAMPED
 
 
-def test_axis_is_let_go_of_at_the_deadband_which_is_zero_if_none_is_given() -> None:
-    wide, none = GatedJoy(Said(), Time, deadband=0.5), GatedJoy(Said(), Time)
-    for gate, held in ((wide, []), (none, ['axis 0'])):
-        gate.hear_joy(joy(0.5, 0.0, buttons=()))
-        gate.decide(True, 0.0)
-        assert gate.held == held
-
-
-def test_wide_deadband_of_one_stick_is_that_of_no_other() -> None:
-    gate = GatedJoy(Said(), Time, deadbands={0: 0.5}, deadband=0.05)
-    gate.hear_joy(joy(0.45, 0.45, buttons=()))
+@pytest.mark.parametrize(
+    ('deadbands', 'held'),
+    [
+        ({'deadband': 0.5}, []),
+        ({}, ['axis 0', 'axis 1']),
+        ({'deadbands': {0: 0.5}, 'deadband': 0.05}, ['axis 1']),
+    ],
+)
+def test_axis_is_let_go_of_at_its_own_deadband_or_else_that_of_all(
+    deadbands: Any, held: list[str]
+) -> None:
+    gate = GatedJoy(Said(), Time, **deadbands)
+    gate.hear_joy(joy(0.5, 0.5, 0.0, buttons=()))
     gate.decide(True, 0.0)
-    assert gate.held == ['axis 1']
+    assert gate.held == held
 
 
 def test_what_is_left_out_is_named_in_part() -> None:
@@ -318,60 +320,32 @@ def test_what_is_left_out_is_named_in_part() -> None:
     assert len(gate.gate.held) == 10
 
 
-def test_gate_that_replaces_another_is_neutral_from_its_first_tick_on() -> None:
-    before, after = Gate().in_control(), Gate()
-    after.gate.continue_from(before.gate)
-    assert after.tick(False) == [([0.0, 0.0], [0, 0])]
-
-
-axes = st.lists(st.sampled_from([0.0, 0.04, -0.04, 0.5, -1.0]), max_size=3)
-buttons = st.lists(st.integers(0, 2), max_size=3)
-steps = st.one_of(
-    st.tuples(st.just('hear'), axes, buttons),
-    st.tuples(st.just('tick'), st.booleans(), st.sampled_from([0.0, 0.01, 0.1])),
-    st.tuples(st.just('stop')),
-)
-
-
-@given(st.lists(steps, max_size=40))
-def test_nothing_moves_without_control_nor_what_was_held_when_it_began(
-    story: list[tuple[Any, ...]],
+@pytest.mark.parametrize(('held', 'pressed_at'), [(-1, 1), (1, 2)])
+def test_named_button_may_be_pressed_from_any_value_that_is_not_held(
+    held: int, pressed_at: int
 ) -> None:
-    gate, control, newest = Gate(), False, joy()
-    rested: set[tuple[str, int]] = set()
+    """As of a switch with three positions: -1, 0, 1."""
+    gate = GatedJoy(None, Time, deadman=[DEADMAN], pressed_at=pressed_at)
+    gate.hear_joy(joy(buttons=(pressed_at, held)))
+    gate.decide(True, 0.0)
+    assert (gate.holds(DEADMAN), gate.holds(1)) == (True, False)
+    gate.hear_joy(joy(buttons=(pressed_at, pressed_at)))
+    assert gate.holds(1)
+    assert gate.held == [], 'nobody hears his Joy'
+    said = Said()
+    named = GatedButton(said.topic)
+    for each in (gate, GatedJoy(None, Time)):
+        named.add(each, 1)
+    named.say(0.0)
+    assert said.messages == [(0.0, True)]
+    gate.decide(False, 1.0)
+    assert not gate.holds(1)
 
-    def note() -> None:
-        rested.update(('axis', i) for i, v in enumerate(newest.axes) if abs(v) <= DEADBAND)
-        rested.update(('button', i) for i, v in enumerate(newest.buttons) if v == 0)
 
-    for kind, *rest in story:
-        before, was = len(gate.messages), control
-        if kind == 'hear':
-            newest = joy(*rest[0], buttons=tuple(rest[1]))
-            gate.gate.hear_joy(newest)
-            note()
-        else:
-            control = kind == 'tick' and rest[0]
-            if control and not was:
-                rested.clear()
-                note()
-            if kind == 'tick':
-                gate.tick(*rest)
-            else:
-                gate.gate.decide(False, gate.now)
-        sent = gate.messages[before:]
-        heard = gate.gate._heard is not None
-        assert len(sent) <= 1
-        assert not (was and not control and heard) or sent, 'the end of control is neutral at once'
-        for message in sent:
-            moving = {('axis', i) for i, v in enumerate(message.axes) if v}
-            moving |= {('button', i) for i, v in enumerate(message.buttons) if v}
-            assert control or not moving
-            assert moving <= rested | {('button', DEADMAN)}
-            assert (len(message.axes), len(message.buttons)) == (
-                len(newest.axes),
-                len(newest.buttons),
-            )
+def test_end_of_control_is_neutral_with_the_decision() -> None:
+    gate = Gate().in_control()
+    gate.gate.decide(False, 0.0)
+    assert list(gate.messages[-1].buttons) == [0, 0]
 
 
 # Commands.
