@@ -85,7 +85,7 @@ def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the
 
 
 SLOW = Servo(name='slow', channel=2, rate_us_per_s=100.0)
-HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD)
+HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD, failsafe_us=1500)
 BEGINNINGS = [  # a servo, what happens to it, and between which pulses it is then
     (SLOW, 'out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
     (SLOW, '15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
