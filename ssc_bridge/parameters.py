@@ -183,7 +183,7 @@ BUTTON = (
     Parameter(
         'thresholds_us',
         [1500],
-        'In rising order; the button is the number of these below the pulse.',
+        'In rising order, within plausible_us; the button is the number of these below the pulse.',
         unit='µs',
         minimum=1,
         maximum=MAX_PULSE_US,
