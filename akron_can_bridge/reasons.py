@@ -57,6 +57,10 @@ akron.forgotten: stop, technician: Akron unit: no frame went out
     no frame went out for 200 ms, so the unit forgot what was held
     -> Let go of the stick
     -> Look at the bus: candump can0
+akron.restarted: stop, technician: Akron unit: it may have restarted
+    the unit was silent for 0.5 s or more, so it may have been switched off
+    -> Let go of the stick
+    -> Check its power and CAN wiring
 akron.busy.asked: step, nobody: Akron unit: it does what it was asked
     its zero positions are being set
     the unit is being reset

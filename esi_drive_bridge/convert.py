@@ -73,21 +73,17 @@ def joint_state(
 
     Only fields that some axis measures are filled, or every field; there, axes of another mode
     have NaN.
+
+    :raises ValueError: where status and configuration differ in the number of axes.
     """
     message = JointState(name=[axis.joint for axis in axes])
     for field in _FIELDS if every_field else {axis.field for axis in axes}:
-        setattr(message, field, [_measured(field, *pair) for pair in _pairs(axes, status)])
+        measured = [
+            each.feedback * axis.si_per_count if axis.field == field else math.nan
+            for axis, each in zip(axes, status.axes, strict=True)
+        ]
+        setattr(message, field, measured)
     if stamp is not None:
         message.header.stamp = stamp
     message.header.frame_id = frame_id
     return message
-
-
-def _pairs(axes: Sequence[Axis], status: Status) -> list[tuple[Axis, int]]:
-    """:raises ValueError: where status and configuration differ in the number of axes."""
-    feedback = (axis.feedback for axis in status.axes)
-    return list(zip(axes, feedback, strict=True))
-
-
-def _measured(field: str, axis: Axis, counts: int) -> float:
-    return counts * axis.si_per_count if axis.field == field else math.nan

@@ -113,7 +113,7 @@ PARAMETERS = (
         'How often a command packet is sent. The drive looks 1000 times a second.',
         unit='Hz',
         minimum=1.0,
-        maximum=float(MAX_COMMAND_RATE),
+        maximum=MAX_COMMAND_RATE,
         section='rates',
     ),
     Parameter(

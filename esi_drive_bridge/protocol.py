@@ -38,8 +38,7 @@ from bridge_core.reasons import Coded
 
 HEADER = b'\xf0\xf0'
 CHECK_SIZE = 2
-BAUDS = (115200, 230400, 1000000)  # 4.5.2; always 8N1
-BITS_PER_BYTE = 10  # on an 8N1 line
+BITS_PER_BYTE = 10  # on a line of 8N1 (4.5.2)
 MAX_COMMAND_RATE = 1000.0  # Hz; the drive polls its port at 1 kHz (4.5.1)
 VALUE_MIN, VALUE_MAX = -32768, 32767  # counts of a command or feedback word
 AXIS_LETTERS = 'AB'

@@ -143,6 +143,11 @@ class Servo(_Named):
                 f'{self.prefix}.failsafe_us = {self.failsafe_us}: must be within min_us and '
                 f'max_us, {self.min_us} to {self.max_us}'
             )
+        if self.failsafe is not Failsafe.PULSE and self.failsafe_us != type(self).failsafe_us:
+            raise ValueError(
+                f'{self.prefix}.failsafe_us = {self.failsafe_us}: is not used; only failsafe '
+                "'pulse' needs it"
+            )
 
     @classmethod
     def unnamed(cls, channel: int, failsafe: Failsafe) -> Servo:

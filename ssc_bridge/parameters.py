@@ -183,7 +183,7 @@ BUTTON = (
     Parameter(
         'thresholds_us',
         [1500],
-        'In rising order; the button is the number of these below the pulse.',
+        'In rising order, within plausible_us; the button is the number of these below the pulse.',
         unit='µs',
         minimum=1,
         maximum=MAX_PULSE_US,
@@ -211,7 +211,7 @@ SERVO = (
         'Without a fresh, allowed command: its own pulse, the last one, or none.',
         choices=('pulse', 'hold', 'release'),
     ),
-    _pulse('failsafe_us', 1500, 'Of failsafe pulse; from min_us to max_us.'),
+    _pulse('failsafe_us', 1500, 'Of failsafe pulse alone; from min_us to max_us.'),
 )
 
 # What the names in the default lists mean: a stick on inputs 2 and 3, a switch on input 4.

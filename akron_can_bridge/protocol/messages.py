@@ -8,51 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from akron_can_bridge.protocol.broadcasts import (
-    AddressAnnouncement,
-    AsciiPipe,
-    AsciiPipeAcknowledgement,
-    DiagnosticData,
-    DigitalInputs,
-    DigitalOutputs,
-    ElevationSoftLimits,
-    MiniOutputs,
-    PositionLimit,
-    RotationSoftLimits,
-    SoePermissive,
-)
+from akron_can_bridge.protocol import broadcasts, joysticks, polls
 from akron_can_bridge.protocol.frames import Message, PROPRIETARY_PGN
-from akron_can_bridge.protocol.joysticks import BasicJoystick, ExtendedJoystick
-from akron_can_bridge.protocol.polls import (
-    ConfigPoll,
-    ConfigVersion,
-    EnterSetup,
-    FaultPoll,
-    FaultStatus,
-    FieldRequest,
-    FirmwarePoll,
-    FirmwareVersion,
-    Name,
-    PcodePoll,
-    PcodeVersion,
-    ResetController,
-    VistaData,
-    VistaPoll,
-    VistaPosition,
-    ZeroPositions,
-)
 from bridge_core.framing import FrameError, Unknown
 from bridge_core.j1939 import CanFrame, J1939Id
 
-MESSAGES: tuple[type[Message], ...] = (
-    *(BasicJoystick, ExtendedJoystick, FieldRequest, Name),
-    *(PositionLimit, RotationSoftLimits, ElevationSoftLimits),
-    *(DigitalOutputs, MiniOutputs, DigitalInputs, SoePermissive, AddressAnnouncement),
-    *(FaultPoll, FaultStatus, FirmwarePoll, FirmwareVersion),
-    *(PcodePoll, PcodeVersion, ConfigPoll, ConfigVersion),
-    *(VistaPoll, VistaData, VistaPosition),
-    *(ZeroPositions, ResetController, EnterSetup),
-    *(DiagnosticData, AsciiPipe, AsciiPipeAcknowledgement),
+MESSAGES: tuple[type[Message], ...] = tuple(
+    kind
+    for module in (joysticks, polls, broadcasts)
+    for kind in vars(module).values()
+    if isinstance(kind, type) and issubclass(kind, Message) and kind.__module__ == module.__name__
 )
 # A poll and its response share a type; their lengths tell them apart.
 _READERS: dict[tuple[int, int | None, int], Callable[[bytes], Message]] = {

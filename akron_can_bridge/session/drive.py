@@ -40,6 +40,9 @@ FAREWELL_FRAMES = 3  # of each kind: a lost one must not leave the unit moving f
 _FORGOTTEN = Coded(
     'akron.forgotten', 'no frame went out for 200 ms, so the unit forgot what was held'
 )
+_RESTARTED = Coded(
+    'akron.restarted', 'the unit was silent for 0.5 s or more, so it may have been switched off'
+)
 _NOTHING = Permission(0)
 _ALL = Permission.LEFT | Permission.RIGHT | Permission.UP | Permission.DOWN
 
@@ -165,6 +168,10 @@ class Drive:
         if reasons:
             self._rest(now)
         return reasons
+
+    def unit_restarted(self) -> None:
+        """Forget what is commanded: a unit that is switched on is to stand."""
+        self._gate.shut([_RESTARTED])
 
     def forbidden(self, now: float, stops: Sequence[Coded]) -> list[Coded]:
         """Say what forbids motion, whatever the command is."""

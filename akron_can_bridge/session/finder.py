@@ -153,9 +153,15 @@ class Finder:
         """Look from now on for what tells that our unit was reset."""
         self._restarted = self._claimed = False
 
-    def heard_after(self, silence: float) -> None:
-        """Note that our unit is heard. :param silence: s since it was heard before."""
-        self._restarted |= silence >= _RESTART_SILENCE
+    def heard_after(self, silence: float) -> bool:
+        """
+        Note that our unit is heard; tell whether it may have restarted.
+
+        :param silence: s since it was heard before.
+        """
+        restarted = silence >= _RESTART_SILENCE
+        self._restarted |= restarted
+        return restarted
 
     def is_back(self, message: Message, now: float) -> bool:
         """

@@ -142,14 +142,10 @@ def values(session: Session, now: float) -> dict[str, Any]:
 def _others(session: Session) -> str:
     unit = session.finder.unit
     return ', '.join(
-        f'{pin} at {address:02X} ({_type(pin)})'
+        f'{pin} at {address:02X} ({DEVICE_TYPES.get(int(pin[:4]), f"type {pin[:4]}")})'
         for pin, address in session.finder.devices.items()
         if unit is None or pin != unit.pin
     )
-
-
-def _type(pin: str) -> str:
-    return DEVICE_TYPES.get(int(pin[:4]), f'type {pin[:4]}')
 
 
 def _versions(session: Session) -> dict[str, Any]:

@@ -209,8 +209,7 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
 
     def _follow(self, now: float) -> None:
         if self.link_up != self._was_up:
-            self.demand.withhold()  # be it a stop or not
-            self.oscillation.disown()
+            self._disown()  # be it a stop or not
             if not self.link_up:
                 self.unit.lost()
             else:
@@ -335,6 +334,11 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
         self._asker.start(request, now, asked=True)
         self._refresh(now)
 
+    def _disown(self) -> None:
+        """Permit and pause nothing that was asked for until now."""
+        self.demand.withhold()
+        self.oscillation.disown()
+
     # -- motion that a neutral stick does not end -------------------------------------------------
 
     @property
@@ -411,7 +415,9 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
         if isinstance(message, protocol.AddressAnnouncement):
             self._unit_changed(self.finder.announced(source, message, now))
         if source == self.finder.address:
-            self.finder.heard_after(self._heard.age(now))
+            if self.finder.heard_after(self._heard.age(now)):
+                self.drive.unit_restarted()
+                self._disown()
             self._heard.feed(now)
             self._take_status(message, now)
         elif isinstance(message, protocol.DigitalInputs) or (

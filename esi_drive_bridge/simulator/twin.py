@@ -57,7 +57,7 @@ def as_measured(report: Report) -> list[str]:
             raise ValueError(f'no stop of {joint} was measured: do the steps motion.* first')
         load = _load(stops, standstill)
         loads.append(load)
-        lines += _lines(letter, load, abs(gear))
+        lines += _lines(letter, load, gear)
     enabling = [each for joint in joints for each in report.measured(_ENABLED, f'joint.{joint}')]
     if enabling:
         lines.append(f'enabling {min(enabling):.3f}')

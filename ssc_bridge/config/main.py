@@ -80,6 +80,8 @@ def check_target(path: Path, force: bool) -> None:
     """:raises Failure: a dump could not, or should not, be written there."""
     if path.exists() and not force:
         raise Failure(Exit.USAGE, f'{path} exists; say --force to overwrite it')
+    if path.is_dir():
+        raise Failure(Exit.USAGE, f'cannot write {path}: it is a folder')
     if not os.access(path.parent, os.W_OK):
         raise Failure(Exit.USAGE, f'cannot write into {path.parent}')
 
@@ -92,13 +94,18 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class Interrupts:
-    """Counts signals that end it while it is entered, so that a script can end in its own way."""
+    """
+    Counts signals that end it while it is entered, so that a script can end in its own way.
+
+    One that is ignored stays so, as SIGHUP under nohup.
+    """
 
     def __init__(self) -> None:
         self.count = 0
 
     def __enter__(self) -> Interrupts:
-        self._before = [(number, signal.signal(number, self._note)) for number in _SIGNALS]
+        heard = [each for each in _SIGNALS if signal.getsignal(each) is not signal.SIG_IGN]
+        self._before = [(number, signal.signal(number, self._note)) for number in heard]
         return self
 
     def __exit__(self, *error: object) -> None:

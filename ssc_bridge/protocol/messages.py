@@ -289,14 +289,7 @@ class Lockout(Message):
     """Make the configuration menus unavailable (4.2.2.3)."""
 
     TYPE = MessageType.LOCKOUT
-
-    @classmethod
-    def _from_payload(cls, payload: bytes) -> Lockout:
-        del payload
-        return cls()
-
-    def _to_payload(self) -> bytes:
-        return b''
+    LAYOUT = struct.Struct('')
 
 
 @dataclass(frozen=True, slots=True)

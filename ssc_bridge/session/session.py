@@ -231,14 +231,18 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
         self._poller.heard(MessageType.CONFIGURATION, now)
         if not self.link_up or (self._confirmed and configuration == self.configuration):
             return  # nothing vouches for it; or it is the late answer to an earlier poll
+        contradicts, self._confirmed = self._confirmed, False
+        self.mismatches += contradicts
         self.configuration = configuration
         if self._another:
+            return
+        self._aux_outputs.configure(configuration.aux)
+        if contradicts:  # what counted until now: it is read again
             return
         self._confirmed = True
         self._settled_at = now + self.settings.link_timeout
         self.outputs.begin(now)
         self._aux_inputs.configure(configuration.aux)
-        self._aux_outputs.configure(configuration.aux)
         if not self.settings.keep_aux_outputs:
             self._aux_outputs.stop(now)
         self._emit(ConfigurationRead(configuration))

@@ -78,7 +78,10 @@ class Settings(CheckedSettings):
         _check_different('servos', [servo.name for servo in self.servos])
         _check_channels(self.servos)
         for axis in self.axes:
-            self._check_calibration(axis)
+            self._check_plausible(f'{axis.prefix}: min_us and max_us', axis.min_us, axis.max_us)
+        for button in self.buttons:  # a pulse can be above each, and not above each
+            first, last = button.thresholds_us[0], button.thresholds_us[-1]
+            self._check_plausible(f'{button.prefix}: thresholds_us', first, last + 1)
         if CommandState.MS_1_5 in self.estop_states and not self.lost_link_is_stop:
             raise ValueError("lost_link_is_stop = false contradicts '1.5 ms' in estop_states")
         if self.failsafe is Failsafe.PULSE:
@@ -92,12 +95,10 @@ class Settings(CheckedSettings):
                 'own echo, or lose its pulse'
             )
 
-    def _check_calibration(self, axis: AxisInput) -> None:
+    def _check_plausible(self, what: str, least: int, greatest: int) -> None:
         low, high = self.plausible_us
-        if not low <= axis.min_us < axis.max_us <= high:
-            raise ValueError(
-                f'{axis.prefix}: min_us and max_us must be within plausible_us, {low}-{high}'
-            )
+        if not low <= least <= greatest <= high:
+            raise ValueError(f'{what} must be within plausible_us, {low}-{high}')
 
     @property
     def has_controls(self) -> bool:

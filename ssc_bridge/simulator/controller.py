@@ -21,7 +21,7 @@ from bridge_core.framing import ChecksumError, FrameFormat, StreamParser
 from bridge_core.simulation import obey, one_of, switch, within
 from ssc_bridge.simulator.auxiliary import Auxiliary
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
-from ssc_bridge.simulator.menus import Menu, Menus, source_text, Terminal
+from ssc_bridge.simulator.menus import Menu, Menus, Terminal
 
 BOOT_TIME = 0.3
 CONFIG_TIME = 5.0  # seconds from power-on during which the menus can be entered (3)
@@ -31,6 +31,7 @@ ALONE_TIME = 1.0  # s without a serial command until 'alone' counts
 FAILSAFE_US = 1500  # of the command channel while the transmitter is lost (2)
 _INVALID = 0x8000
 _STATES = ('no signal', '1 ms', '1.5 ms', '2 ms')
+_SOURCES = ('PIN', 'PINv', 'CONST', 'SERIAL', 'LAST')
 _MESSAGES = (10, 11, 12, 13, 14)  # with a rate, in the order of the rates
 
 
@@ -41,6 +42,14 @@ def _decode(frame: bytes) -> tuple[int, bytes]:
 
 
 _FORMAT = FrameFormat(b'\x81\xa1', 4, 261, lambda head: head[3] + 6, _decode)  # ID and payload
+
+
+def _source_text(byte: int) -> str:
+    """Return a source as the switch table prints it (3.3)."""
+    source = byte & 0x0F
+    if source > 1:
+        return _SOURCES[source] if source < len(_SOURCES) else 'unknown'
+    return f'{_SOURCES[source]} {(byte >> 4) + 1}'
 
 
 def _switch(name: str) -> Callable[[Any, str], None]:
@@ -310,7 +319,7 @@ class Simulator:
             'inputs_us': list(self.inputs),
             'outputs_us': list(self.outputs),
             'serial_us': list(self.serial),
-            'sources': [source_text(byte) for byte in self.sources],
+            'sources': [_source_text(byte) for byte in self.sources],
             'aux': [aux.describe() for aux in self.aux],
             'stored': 'valid' if self.memory.valid else 'invalid',
             'received': dict(self.received),

@@ -20,7 +20,7 @@ def as_measured(report: Report) -> list[str]:
     for where in report.facts(f'{node}: {_WITHOUT}')[-1:]:
         for name in filter(None, values['servos']):
             channel, kind = (values[f'servo.{name}.{part}'] for part in ('channel', 'failsafe'))
-            pulse = {'off': '0', 'pulse': str(values[f'servo.{name}.failsafe_us'])}.get(kind)
+            pulse = {'release': '0', 'pulse': str(values[f'servo.{name}.failsafe_us'])}.get(kind)
             goes = 'stays' if where == _STAYS or pulse is None else pulse
             lines.append(f'alone {channel} {goes}')
     return lines

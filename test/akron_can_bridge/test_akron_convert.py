@@ -229,9 +229,6 @@ def test_faulted_riser_is_a_warning() -> None:
     mini = MiniOutputs.from_bytes(bytes.fromhex('84C000'))
     status = convert.outputs(None, mini, None, '')
     assert (status.level, status.message) == (DiagnosticStatus.WARN, '6033: device faulted')
-
-
-def test_outputs_without_a_6033_are_no_fault() -> None:
     status = convert.outputs(DigitalOutputs.from_bytes(GOLDEN['digital outputs']), None, None, '')
     assert (status.level, status.message) == (DiagnosticStatus.OK, 'ok')
 

@@ -292,23 +292,6 @@ def test_own_bad_value_is_refused_when_made(make: Any) -> None:
     assert not isinstance(caught.value, FrameError)
 
 
-@pytest.mark.parametrize(
-    'message',
-    [
-        p.FieldRequest(0),
-        p.FieldRequest(0xFFFFFF),
-        p.ConfigVersion(0, p.Version(0, 255)),
-        p.ConfigVersion(0xFFFFFFFF, p.Version(255, 0)),
-        p.PcodeVersion(0, 0xFFFF, p.Version(0, 0)),
-        p.PcodeVersion(0xFFFF, 0, p.Version(0, 0)),
-        p.FaultStatus(p.Fault(0), 0),
-        p.FaultStatus(p.Fault(0), 0xFFFF),
-    ],
-)
-def test_least_and_greatest_value_is_good(message: p.Writable) -> None:
-    assert type(message).from_bytes(message.to_bytes()) == message
-
-
 @pytest.mark.parametrize('kind', [kind for kind in p.MESSAGES if issubclass(kind, p.Sendable)])
 def test_what_acts_on_a_unit_is_never_sent_to_all(kind: type[p.Sendable]) -> None:
     message = next(p.decode(frame).message for frame in FRAMES if _is_of(kind, frame))

@@ -251,6 +251,22 @@ def test_motion_ends_at_once_and_begins_anew_by_a_neutral_command_alone(
     assert bench.joystick_frames()[-1] == MOVING
 
 
+@pytest.mark.parametrize(
+    'options', [{'link_timeout': 5.0}, {'estop_on': frozenset({Cause.FOREIGN_JOYSTICK})}]
+)
+@pytest.mark.parametrize(('silence', 'goes_on'), [(0.46, True), (0.5, False)])
+def test_unit_that_may_have_been_switched_off_moves_by_a_fresh_command_alone(
+    options: dict[str, Any], silence: float, goes_on: bool
+) -> None:
+    bench = Bench(**options).moving()
+    bench.run(silence, MOVE, unit=False)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames()[-1] == (MOVING if goes_on else NEUTRAL)
+    bench.run(0.1, REST)
+    bench.run(0.1, MOVE)
+    assert bench.joystick_frames()[-1] == MOVING
+
+
 @pytest.mark.parametrize('soe_permissive', [False, True])
 def test_farewell_is_neutral_several_times_and_takes_the_permission(soe_permissive: bool) -> None:
     bench = Bench(soe_permissive=soe_permissive).moving()
@@ -308,6 +324,8 @@ PERMITTED: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, 
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest', '0 F 0'),
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest; do move', '0 F 0 F'),
     ({'link_timeout': 0.6}, f'{PUSHED}0.1 rest; wait 1; 1 rest', '0 F 0'),
+    ({'link_timeout': 5.0}, f'{PUSHED}0.46 rest gone; 0.1 rest', '0 F'),
+    ({'link_timeout': 5.0}, f'{PUSHED}0.5 rest gone; 0.1 rest', '0 F 0'),
     # Before it was told what a session before it knew it permits nothing; that one's is no push.
     ({}, f'open; {HEARD}; 0.5 rest; 0.1 move', '0'),
     ({}, f'open; {HEARD}; 0.5 rest; told; 0.1 rest; 0.1 move', '0 F'),

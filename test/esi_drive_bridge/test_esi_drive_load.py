@@ -117,7 +117,7 @@ def test_what_else_was_measured_is_as_measured() -> None:
     stop = {'speed': 2.0, 'time': 0.5 + 1.8 / 4.0, 'angle': 1.0 + (4.0 - 0.04) / 8.0}
     report = {
         'parameters': {
-            NODE: {'joint_names': ['left'], 'gear_ratio': [-GEAR]},
+            NODE: {'joint_names': ['left'], 'gear_ratio': [GEAR]},
             '/safety_mux': {
                 'feedback.standstill': STANDSTILL,
                 'estop_sources': ['drive'],

@@ -659,10 +659,6 @@ def test_errors_say_what_to_call(rig: Rig) -> None:
     'changes',
     [
         *({'command_rate': value} for value in (0.5, 1001.0, math.nan)),
-        {'command_timeout': 0.0},
-        {'link_timeout': math.inf},
-        {'enable_timeout': -1.0},
-        {'clear_timeout': math.nan},
         {'axes_enable': 'both'},
         {'axes_enable': 'each', 'axes': axes(Mode.VELOCITY)[:1], 'layout': Layout.PADDED},
     ],

@@ -23,7 +23,7 @@ from vm110_bridge.simulator import Simulator as Vm110
 SERVOS = {'servos': ['pan', 'tilt']} | {
     f'servo.{name}.{key}': value
     for name, values in {
-        'pan': {'channel': 1, 'failsafe': 'off', 'failsafe_us': 1500},
+        'pan': {'channel': 1, 'failsafe': 'release', 'failsafe_us': 1500},
         'tilt': {'channel': 2, 'failsafe': 'pulse', 'failsafe_us': 1300},
     }.items()
     for key, value in values.items()

@@ -52,7 +52,7 @@ def test_pulse_input_that_cannot_be_is_rejected(make: Callable[[], Any], text: s
     [
         {**PULSE, 'min_us': 1500, 'centre_us': 1500, 'failsafe_us': 1500},
         {**PULSE, 'centre_us': 2000, 'max_us': 2000, 'failsafe_us': 2000},
-        {'min_us': 1200, 'centre_us': 1500, 'failsafe_us': 1000, 'failsafe': Failsafe.HOLD},
+        {'min_us': 1600, 'centre_us': 1700, 'failsafe': Failsafe.HOLD},
         {'rate_us_per_s': 0.5},
     ],
 )
@@ -75,6 +75,10 @@ def test_servo_may_be_at_its_limits(given: dict[str, Any]) -> None:
         ({**PULSE, 'failsafe_us': 0}, r'servo\.pan'),
         ({'rate_us_per_s': 0.0}, 'rate_us_per_s must be above 0'),
         ({**PULSE, 'min_us': 1200, 'failsafe_us': 1199}, 'failsafe_us = 1199: must be within'),
+        *(
+            ({'failsafe': failsafe, 'failsafe_us': 1200}, 'failsafe_us = 1200: is not used')
+            for failsafe in (Failsafe.HOLD, Failsafe.RELEASE)
+        ),
     ],
 )
 def test_servo_that_cannot_be_is_rejected(given: dict[str, Any], words: str) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from rugged_teleop.ptys import PtyDevice
-from ssc_bridge.config.main import main
+from ssc_bridge.config.main import Interrupts, main
 from ssc_bridge.simulator import Settings, Simulator, sums
 from stage.endings import each_ending
 from stage.rig import ROOT, wait_for
@@ -142,6 +142,7 @@ RUNS: list[tuple[str, int, str]] = [  # arguments, exit status, and what is said
     ('dump good -p --force', 4, 'cannot open /nowhere: no such port'),
     ('dump good -p --force', 4, 'plug the device in, or set --port. '),
     ('dump /nowhere/image -p', 2, 'cannot write into /nowhere'),
+    ('dump . -p --force', 2, 'cannot write .: it is a folder'),
 ]
 
 
@@ -173,6 +174,17 @@ def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) 
     utf8 = {**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'}
     done = subprocess.run(command, cwd=ROOT, env=utf8, capture_output=True, check=False)
     assert (done.returncode, b'caf\\udce9' in done.stdout) == (0, True), done.stderr
+
+
+def test_hangup_that_nohup_ignores_interrupts_nothing() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupts() as interrupts:
+            signal.raise_signal(signal.SIGHUP)
+            signal.raise_signal(signal.SIGTERM)
+        assert interrupts.count == 1
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 # The unit.

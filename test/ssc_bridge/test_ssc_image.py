@@ -166,18 +166,6 @@ def test_every_byte_but_the_check_is_told_once() -> None:
     assert b''.join(field.raw for field in GOLDEN.fields) == GOLDEN.data[:-2]
 
 
-def test_auxiliary_words_read_as_the_menu_prints_them() -> None:
-    # The functions that the menu of 3.2 shows, in the words of 4.2.1.6.
-    words = (0x0000, 0x0181, 0x0002, 0x0003, 0x0014, 0x0000)
-    changes = {200 + 2 * n: word >> 8 for n, word in enumerate(words)}
-    changes |= {201 + 2 * n: word & 0xFF for n, word in enumerate(words)}
-    image = with_bytes(changes)
-    assert [value(image, f'aux {n}') for n in range(1, 7)] == [
-        *('Dig In', 'Timer In (1us,+,+)', 'PulAcc In (-)', 'Dig Out (-)'),
-        *('Pulse Out (2us,f,+)', 'Dig In'),
-    ]
-
-
 @pytest.mark.parametrize(
     ('code', 'text'),
     [

@@ -12,11 +12,9 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
-import yaml
 
-from rugged_teleop.ptys import PtyDevice
-from stage.rig import latched, NodeProcess, Observer, ROOT
-from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, NAME, new_simulator, position, SERVOS
+from stage.rig import Observer
+from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, new_simulator, position, SERVOS
 from stage.talkers import Talker, values_of
 
 pytestmark = pytest.mark.waits(45)
@@ -232,18 +230,3 @@ def test_deactivated_leaves_the_failsafe(bench: Bench, servo: Talker) -> None:
         assert (done, 'restart the node' in why) == (False, True), why
     assert bench.observer.change_state(bench.name, 'activate')
     bench.wait_stop(False)
-
-
-# -- parameters -----------------------------------------------------------------------------------
-
-
-def test_annotated_configuration_is_read_by_ros(observer: Observer, tmp_path: Path) -> None:
-    file = ROOT / 'config' / f'{NAME}.yaml'
-    assert yaml.safe_load(file.read_text())
-    with PtyDevice(new_simulator(), tmp_path / 'ssc'):
-        arguments = ('--params-file', str(file), '-p', f'port:={tmp_path / "ssc"}')
-        with NodeProcess(f'{NAME}.node', arguments=arguments) as node:
-            estop = observer.record(Bool, f'/{NAME}/estop', latched())
-            observer.wait_for(
-                lambda: estop.last is not None and not estop.last.data, 15.0, lambda: node.output
-            )

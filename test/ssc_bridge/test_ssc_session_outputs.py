@@ -14,7 +14,13 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from ssc_bridge.channels import Failsafe, Servo
-from ssc_bridge.session import FailsafeBegun, OutputsSent, RELEASE_FRAMES, Session
+from ssc_bridge.session import (
+    ConfigurationRead,
+    FailsafeBegun,
+    OutputsSent,
+    RELEASE_FRAMES,
+    Session,
+)
 from ssc_bridge.session.outputs import RELEASE_TIME
 from ssc_bridge.session.report import warnings
 from stage.ssc_rig import build_frame, follow, GRIP, INPUTS, OUTPUTS, PAN, Rig, TILT, words
@@ -79,7 +85,7 @@ def test_message_20_comes_at_the_command_rate_though_only_the_deadline_wakes_the
 
 
 SLOW = Servo(name='slow', channel=2, rate_us_per_s=100.0)
-HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD)
+HELD_TILT = replace(TILT, failsafe=Failsafe.HOLD, failsafe_us=1500)
 BEGINNINGS = [  # a servo, what happens to it, and between which pulses it is then
     (SLOW, 'out 2=1800; 15; 3 slow=-1', 1795, 1800),  # it begins where the device has it
     (SLOW, '15; 10 slow=1; out 2=0; 60; 3 slow=-1', 1995, 2000),  # after a release, where it was
@@ -460,6 +466,16 @@ def test_ssc_that_is_exchanged_for_another_is_sent_no_failsafe_that_was_not_its_
     rig.config_id = 126
     assert not rig.play('50').session.estop
     assert rig.pulses()[-1][TILT.channel - 1] == TILT.failsafe_us
+
+
+def test_ssc_that_was_exchanged_unnoticed_is_a_stop_until_it_was_read_again() -> None:
+    rig = servo_rig().play('5 pan=0.5; late 0.001; mark')
+    rig.config_id = 127
+    rig.play('hear 15; 30 pan=0.5')
+    assert rig.session.estop
+    assert {us[0] for us in rig.pulses()} == {0}
+    assert not rig.play('20 pan=0.5').session.estop
+    assert [event.configuration.config_id for event in rig.of(ConfigurationRead)] == [127]
 
 
 # -- properties -----------------------------------------------------------------------------------

@@ -264,39 +264,6 @@ def test_nothing_is_driven_and_nothing_said_in_the_menus_until_x() -> None:
     assert b'\x81\xa1' in device.data
 
 
-@pytest.mark.parametrize(
-    ('keys', 'shown'),
-    [
-        ('1a4\r', 'A) Pulse Input Channels [4]'),
-        ('1A17\r4\r', 'A) Pulse Input Channels [4]'),  # out of range: asked again
-        ('12' + '2' '2' '2' '1', 'Aux 2 Assign [Timer In (1us,+,+)]'),
-        ('13' + '3' '1', 'Aux 3 Assign [PulAcc In (-)]'),
-        ('14' + '4' '1', 'Aux 4 Assign [Dig Out (-)]'),
-        ('15' + '5' '1' '1' '2', 'Aux 5 Assign [Pulse Out (2us,f,+)]'),
-        ('21' + '4', '1) 1  SERIAL  '),
-        ('22' + '2' '6\r', '2) 2  PINv 6  '),
-        ('2nnnn3' + '1750\r', '1750      20000'),
-        ('2nnnnny' + '9000\r', '1500      9000'),
-        ('2X5\r' + '5', '5) 5  LAST      LAST      LAST      LAST'),
-        ('34' + '8', '4) Pulse In Message (msg 13) [50Hz]'),
-        ('42', '2) Comm 2 [X]'),
-        ('52', '2) On Rcv Msg 20 [X]'),
-    ],
-)  # fmt: skip
-def test_menus_set_what_they_show(keys: str, shown: str) -> None:
-    device = Device(quiet()).enter_menus()
-    screen = device.press(keys).rpartition('\x1b[1;1H')[2]
-    assert ' '.join(shown.split()) in ' '.join(screen.split())
-
-
-def test_more_than_sixteen_outputs_need_the_key_m() -> None:
-    device = Device(quiet(inputs=4)).enter_menus()
-    assert 'G) 16' in ' '.join(device.press('2').split())
-    screen = ' '.join(device.press('m').split())
-    assert '4) 20' in screen
-    assert 'G)' not in screen
-
-
 def test_secondary_port_is_silent_and_deaf() -> None:
     device = Device(Settings(primary=2)).run(2.0).hear(GOOD)
     assert (device.data, device.simulator.received) == (b'', {})
