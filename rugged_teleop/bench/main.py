@@ -17,7 +17,7 @@ interrupted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import contextlib
 import os
 import signal
@@ -81,8 +81,17 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     target, value = TARGETS[option], getattr(options, option)
     course = Course(value, options.seconds, clock.now(), is_measured=target.trial.is_measured)
     node = options.node or target.node
+    told: list[Phase] = []
+
+    def on_step() -> None:
+        if ended:
+            course.interrupt('interrupted', clock.now())
+        if course.phase not in told[-1:]:
+            told.append(course.phase)
+            _say(course.phase.value)
+
     with Commander(option, node, options.joint, options.rate) as commander:
-        _run(course, commander, ended)
+        follow(course, commander, on_step)
         summary = commander.summary
     if course.problem:
         with contextlib.suppress(OSError):  # its reader has left
@@ -94,21 +103,16 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     print(f'{end}; {found}', flush=True)
 
 
-def _run(course: Course, commander: Any, ended: Sequence[int]) -> None:
-    """Follow the course to its end."""
-    told = None
+def follow(course: Course, commander: Any, on_step: Callable[[], None]) -> None:
+    """Follow the course to its end. :param on_step: is called before each step."""
     while course.phase is not Phase.DONE:
+        on_step()
         now = clock.now()
-        if ended:
-            course.interrupt('interrupted', now)
         if commander.refusal:
             course.interrupt(commander.refusal, now)
         order = course.step(commander.facts(), now)
         if order is not None and (order.estop or not course.is_held_up(clock.now())):
             commander.publish(order)
-        if course.phase is not told:
-            told = course.phase
-            _say(told.value)
         commander.spin()
 
 

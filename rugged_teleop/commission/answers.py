@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from rugged_teleop.commission.faces import ACCEPT, is_answer
+from rugged_teleop.commission.faces import ACCEPT, is_answer, wanted
 from rugged_teleop.commission.step import Step
 
 SKIP = 'skip'  # of answers: by step, why it is skipped
@@ -38,17 +38,17 @@ def read_answers(path: Path, steps: Sequence[Step]) -> dict[str, Any]:
         raise ValueError(f'--answers {path}: {SKIP} is no mapping of steps to reasons')
     names = {step.name for step in steps}
     wrong = [f'{SKIP}: there is no step {name}' for name in skips if name not in names]
-    wrong += [f'{SKIP}: {name} has no reason' for name, why in skips.items() if not _is_text(why)]
+    wrong += [
+        f'{SKIP}: {name} has no reason'
+        for name, why in skips.items()
+        if not (isinstance(why, str) and why.strip())
+    ]
     kinds = _kinds(steps)
     wrong += [_wrong(str(name), answer, kinds) for name, answer in answers.items() if name != SKIP]
     wrong = [*filter(None, wrong)]
     if wrong:
         raise ValueError(f'--answers {path}: {"; ".join(wrong)}')
     return answers
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and bool(value.strip())
 
 
 def _kinds(steps: Sequence[Step]) -> dict[str, Kind]:
@@ -68,6 +68,5 @@ def _wrong(name: str, answer: Any, kinds: Mapping[str, Kind]) -> str:
         return f'nothing asks for {name}'
     kind = kinds[name]
     if isinstance(answer, (dict, list)) or answer is None or not is_answer(str(answer), kind):
-        what = f'one of {", ".join(kind)}' if isinstance(kind, tuple) else f'a {kind}'
-        return f'{name}: {answer} is not {what}'
+        return f'{name}: {answer} is not {wanted(kind)}'
     return ''

@@ -20,7 +20,14 @@ from typing import Any
 
 from bridge_core import clock
 from rugged_teleop.commission.engine import LeftError, Machine
-from rugged_teleop.commission.faces import given, is_answer, NO_REASON, Player, words_of
+from rugged_teleop.commission.faces import (
+    given,
+    is_answer,
+    NO_REASON,
+    Player,
+    wanted,
+    words_of,
+)
 from rugged_teleop.commission.looks import instead
 from rugged_teleop.commission.step import Act, Phase, Question, Record, Result, Step
 
@@ -80,7 +87,7 @@ class Browser:
                     return 'something else is asked by now; look again'
                 question = asked.question
                 if question and kind == 'answer' and not is_answer(text.strip(), question.kind):
-                    return f'the answer has to be {_wanted(question.kind)}'
+                    return f'the answer has to be {wanted(question.kind)}'
                 self._given = kind, text.strip()
             self._hand = hand
         return ''
@@ -222,7 +229,3 @@ class Browser:
 
 def _wish_of(kind: str, text: str) -> str:
     return text or NO_REASON if kind == 'skip' else kind
-
-
-def _wanted(kind: str | tuple[str, ...]) -> str:
-    return f'one of {", ".join(kind)}' if isinstance(kind, tuple) else f'a {kind}'

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rugged_teleop.commission.history import History
+from rugged_teleop.commission.looks import Button, is_pressed
 from rugged_teleop.commission.machine import Machine
-from rugged_teleop.commission.parts import stops_of, taking_control
+from rugged_teleop.commission.parts import button_of, stops_of, taking_control
 from rugged_teleop.commission.step import (
     Look,
     Marks,
@@ -52,7 +53,7 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
                 *phases,
                 Phase(
                     'its end, and nothing that moves',
-                    _let_go(operator, index, bound),
+                    _let_go(operator, button_of(machine, operator, index), bound),
                     (release,),
                     person=True,
                 ),
@@ -62,14 +63,14 @@ def _deadmen(machine: Machine, operator: str) -> list[Step]:
     ]
 
 
-def _let_go(operator: str, index: int, bound: float) -> Look:
+def _let_go(operator: str, button: Button, bound: float) -> Look:
     """A released deadman has ended control in time; nothing was told to move."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = marks['since']
         if heard.first('command', since, lambda each: any(each.values())) is not None:
             return Seen(False, 'motion was commanded: leave the sticks alone')
-        at = heard.first(f'joy {operator}', since, lambda joy: joy[1][index : index + 1] != [1])
+        at = heard.first(f'joy {operator}', since, lambda joy: not is_pressed(joy, button))
         ended = heard.first('state', since, lambda state: state != 'ACTIVE')
         if at is None or ended is None or now < ended + _LATE:
             return None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 from typing import Protocol
 
 from rugged_teleop.commission.history import History
@@ -28,6 +29,7 @@ _RESET_APART = 0.7  # s; one within clear_time of another does nothing
 _SILENCE = 5.2  # s; reset_silence, after one that came too early
 _EARLY = ('nothing to reset', 'none counts until')  # what is answered to that
 _UNDO_LIMIT = 5.0  # s
+_MOVES_LIMIT = 60.0  # s; the most for which a person is waited for while the trial moves something
 _BEFORE = 0.5  # s of a plot before the cause
 _POINTS = 200  # of a plot
 _EVENTS = {'began': 'cause', 'disabled': 'disabled', 'stands': 'standstill'}  # in it, by mark
@@ -116,6 +118,7 @@ class Engine:
         self._machine, self._face, self._date, self._patience = machine, face, date, patience
         self._next_reset = 0.0
         self._frozen: dict[str, int] = {}  # pids
+        self._moves = False  # an actuator, by itself
 
     def blocked(self, step: Step, steps: Iterable[Step], done: Mapping[str, Record]) -> str:
         """Say why a step may not run yet: nothing moves before all stops were seen to work."""
@@ -133,10 +136,13 @@ class Engine:
             else ''
         )
 
-    def run(self, step: Step, blocked: str = '') -> Record:
+    def run(
+        self, step: Step, blocked: str = '', keep: Callable[[Record], object] = lambda _: None
+    ) -> Record:
         """
         Do a step, and again if that is wanted; return what came of it.
 
+        :param keep: gets that before anybody is asked, who may leave.
         :raises LeftError: the person leaves.
         """
         while True:
@@ -148,6 +154,7 @@ class Engine:
             except SkippedError as skipped:
                 skip = (Result.SKIPPED, 'skipped', str(skipped))
                 record.result, record.text, record.reason = skip
+            keep(record)
             if not self._face.tell(record):
                 return record
 
@@ -170,8 +177,10 @@ class Engine:
             seen = self._findings(step, record) or self._phases(step, record, marks)
             seen = seen or self._bench(step, marks) or self._asked(step, record, marks)
         finally:
-            self._undo(step.undo)
-            self._machine.command(None)
+            try:
+                self._undo(step.undo)
+            finally:
+                self._rest()
         record.measured = [self._patient(each) for each in record.measured]
         late = [each for each in record.measured if not each.is_within]
         if seen is None and late:
@@ -226,10 +235,15 @@ class Engine:
         marks['since'] = machine.now()
         limit = phase.limit * self._patience
         acts = phase.person or any(act.text for act in phase.acts)
-        end = marks['since'] + limit + (self._face.person if acts else 0.0)
+        person = self._face.person if acts else 0.0
+        done = math.inf
         pending = [*phase.acts]
         self._face.expect(phase)
-        while (now := machine.now()) < end:
+        while True:
+            now = machine.now()
+            waits = min(person, _MOVES_LIMIT) if self._moves else person
+            if now >= min(done, marks['since'] + limit + waits):
+                return None
             while pending and self._done(pending[0]):
                 del pending[0]
             if phase.resets and now > self._next_reset and self._may_reset():
@@ -240,14 +254,14 @@ class Engine:
                 if seen is not None:
                     return seen
             if self._heed(self._face.wish(), 'done'):
-                end = min(end, now + limit)
-        return None
+                done = min(done, now + limit)
 
     def _done(self, act: Act) -> bool:
         if act.lines == ('reset',):
             self._reset()
             return True
         if act.command is not None and self._machine.command(act.command):
+            self._moves = any(act.command.shares)
             return True
         if act.lines == ('thaw',):
             frozen = self._frozen.pop(act.node, 0)
@@ -260,6 +274,11 @@ class Engine:
         if act.lines == ('freeze',):
             self._frozen[act.node] = act.pid
         return self._face.act(act)
+
+    def _rest(self) -> None:
+        """Command nothing any more."""
+        self._moves = False
+        self._machine.command(None)
 
     def _reset(self) -> None:
         _, answer = self._machine.reset()
@@ -279,6 +298,8 @@ class Engine:
         return Seen(False, benched.problem) if benched.problem else None
 
     def _asked(self, step: Step, record: Record, marks: Mapping[str, float]) -> Seen | None:
+        if step.questions:  # a person may take any time
+            self._rest()
         for question in step.questions:
             record.answers[question.name] = self._face.ask(step, question)
         if step.judge is None:
@@ -305,6 +326,7 @@ class Engine:
             samples = [*self._machine.history.since(kind, since)]
             for at, joints in samples[:: max(1, len(samples) // _POINTS)]:
                 for name, value in joints.items():
-                    points = result.setdefault(f'{kind} {name}', [])
-                    points.append([round(at - since, 4), round(value, 4)])
+                    if math.isfinite(value):  # JSON has no other
+                        points = result.setdefault(f'{kind} {name}', [])
+                        points.append([round(at - since, 4), round(value, 4)])
         return result

@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+import contextlib
 import math
 import os
 from pathlib import Path
 import signal
 import sys
+import termios
 import time
 from typing import Any
 
@@ -24,6 +26,7 @@ _GLANCE = 0.3  # s
 _TRIES, _HELD_UP = 3, 0.2  # of a step; s
 _SEEN = 0.01  # rad that an eye sees
 NO_REASON = 'no reason given'
+_DOES_IT = '   It runs on this computer: Enter does it, n: I do it'
 
 
 class Terminal:
@@ -33,12 +36,16 @@ class Terminal:
 
     def __init__(self, answers: Mapping[str, Any]) -> None:
         self._answers = answers
+        self._asks: Act | None = None  # whether it may be done
+        self._typed: str | None = None  # to that
 
     def begin(self, step: Step) -> str:
         """Announce a step; return 'run', 'leave', or why it is skipped."""
         _say(f'\n== {step.name}: {step.title}')
         if step.moves:
             _say('   Wheels in the air, nobody near, a hand at the stop that cuts the power.')
+        with contextlib.suppress(OSError, termios.error):  # no terminal
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)  # typed before it was asked
         answer = line_of('   Enter begins it, s skips it, q leaves (to be continued): ')
         return self._wish_of(answer, 'run')
 
@@ -53,14 +60,22 @@ class Terminal:
 
     def act(self, act: Act) -> bool:
         """Have it done; False: it cannot be done by now."""
-        if act.pid:
-            hand_of(act)
-        else:
+        here = _is_here(act)
+        if here and act.lines != ('thaw',) and self._typed is None:
+            if act != self._asks:  # it is not waited for: what the trial moves has to go on
+                _say(f'   -> {act.text}\n{_DOES_IT}')
+                self._asks = act
+            return False
+        if not here:
             _say(f'   -> {act.text}')
+        elif self._typed != 'n':
+            hand_of(act)
+        self._asks = self._typed = None
         return True
 
     def expect(self, phase: Phase | None) -> None:
         """Say what is looked for."""
+        self._asks = self._typed = None
         if phase:
             _say(f'   looking for {phase.expected} (Enter: it is done, s: skip, q: leave)')
 
@@ -80,7 +95,11 @@ class Terminal:
         """Return what is typed while something is looked for."""
         if not ready([sys.stdin.fileno()], 0.0):
             return ''
-        return self._wish_of(line_of(''), 'done')
+        typed = line_of('')
+        if self._asks and typed not in ('s', 'q'):
+            self._typed = typed
+            return ''
+        return self._wish_of(typed, 'done')
 
     def _wish_of(self, typed: str, otherwise: str) -> str:
         if typed == 's':
@@ -200,14 +219,21 @@ def words_of(record: Record) -> str:
     return '; '.join([f'{record.result.value}: {record.text}', *numbers])
 
 
+def _is_here(act: Act) -> bool:
+    """Tell whether the process that is meant is on this computer."""
+    with contextlib.suppress(OSError):
+        command = Path(f'/proc/{act.pid}/cmdline').read_bytes()
+        return bool(act.pid) and act.node.rpartition('/')[2].encode() in command
+    return False
+
+
 def hand_of(act: Act) -> None:
-    """Do to a process what is asked for, or have it done: it may be on another computer."""
-    process = Path(f'/proc/{act.pid}/cmdline')
-    _say(f'   -> {act.text}')
-    name = act.node.rpartition('/')[2]
-    here = process.exists() and name.encode() in process.read_bytes()
-    if here and line_of('   It runs on this computer: Enter does it, n: I do it: ') != 'n':
-        os.kill(act.pid, signal.Signals[f'SIG{SIGNALS[act.lines[0]]}'])
+    """Do to a process what is asked for; it may have ended."""
+    with contextlib.suppress(ProcessLookupError):
+        try:
+            os.kill(act.pid, signal.Signals[f'SIG{SIGNALS[act.lines[0]]}'])
+        except PermissionError:
+            _say(f'   It is of another user: do it yourself: {act.text}')
 
 
 def is_answer(text: str, kind: str | tuple[str, ...]) -> bool:
@@ -222,8 +248,14 @@ def is_answer(text: str, kind: str | tuple[str, ...]) -> bool:
     return bool(text)
 
 
+def wanted(kind: str | tuple[str, ...]) -> str:
+    """Return what an answer of this kind is."""
+    return f'one of {", ".join(kind)}' if isinstance(kind, tuple) else f'a {kind}'
+
+
 def _say(text: str) -> None:
-    print(text, flush=True)
+    with contextlib.suppress(OSError):  # the terminal may be gone: all is undone even so
+        print(text, flush=True)
 
 
 def line_of(prompt: str) -> str:

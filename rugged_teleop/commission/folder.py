@@ -9,6 +9,7 @@ steps that moved something, and a manifest.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+import contextlib
 import hashlib
 import json
 import os
@@ -89,21 +90,33 @@ def write(folder: Path, report: Mapping[str, Any], parameters: bytes) -> None:
         PAGE: page(report).encode(),
         PARAMETERS: parameters,
     }
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     for name in pieces_of(report):
-        if (new := new_piece(folder, name)).exists():
-            os.replace(new, folder / name)
-        files[name] = (folder / name).read_bytes()
-    files[MANIFEST] = _manifest(
-        {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    )
-    for name in (REPORT, PAGE, PARAMETERS, MANIFEST):
-        new = folder / f'.{name}.new'
-        new.write_bytes(files[name])
-        os.replace(new, folder / name)
+        new = new_piece(folder, name)
+        data = (new if new.exists() else folder / name).read_bytes()
+        hashes[name] = hashlib.sha256(data).hexdigest()
+    for name, data in (files | {MANIFEST: _manifest(hashes)}).items():
+        with new_piece(folder, name).open('wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
     names = {step['name'] for step in report['steps']}
     for piece in folder.glob('*.mcap'):
-        if piece.stem in names and piece.name not in files:  # done again, and then skipped
+        if piece.stem in names and piece.name not in hashes:  # done again, and then skipped
             piece.unlink()
+    complete(folder)
+
+
+def complete(folder: Path) -> None:
+    """Put what was written into its place, though ``write`` was ended amid it."""
+    names: Sequence[str] = ()
+    with contextlib.suppress(FileNotFoundError, ValueError):  # not all is written: it stays as is
+        names = (*json.loads(new_piece(folder, MANIFEST).read_bytes())['sha256'], MANIFEST)
+    for name in names:
+        if (new := new_piece(folder, name)).exists():
+            os.replace(new, folder / name)
+    for left in folder.glob('.*.new'):  # of a step that no report names
+        left.unlink()
 
 
 def pieces_of(report: Mapping[str, Any]) -> list[str]:
@@ -112,7 +125,7 @@ def pieces_of(report: Mapping[str, Any]) -> list[str]:
 
 
 def new_piece(folder: Path, name: str) -> Path:
-    """Return where a recording waits for the report that names it."""
+    """Return where a file waits until all of them are there."""
     return folder / f'.{name}.new'
 
 

@@ -99,7 +99,7 @@ def refused(heard: History, marks: Marks, now: float) -> Seen | None:
     return Seen(True, 'a reset is refused')
 
 
-def still(state: State, seconds: float = 0.6) -> Look:
+def still(state: State, standstill: float, seconds: float = 0.6) -> Look:
     """The mux keeps this state, and nothing is enabled, told to move or seen to."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
@@ -114,14 +114,16 @@ def still(state: State, seconds: float = 0.6) -> Look:
             return Seen(False, 'the drive was enabled by itself')
         if heard.first('command', since, lambda each: any(each.values())) is not None:
             return Seen(False, 'motion was commanded')
+        if heard.first('joints', since, lambda each: _fastest(each) > standstill) is not None:
+            return Seen(False, 'a joint turned by itself')
         return Seen(True, 'nothing moves') if now - since >= seconds else None
 
     return look
 
 
-def released(source: str, state: State = 'STOPPED') -> Look:
+def released(source: str, standstill: float, state: State = 'STOPPED') -> Look:
     """The e-stop source is clear again, and the mux keeps its state."""
-    hold = still(state)
+    hold = still(state, standstill)
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         clear = heard.last(f'estop {source}')
@@ -159,12 +161,17 @@ def axis_at_end(operator: str, axis: int, sign: int) -> Look:
     """An axis reaches its end, on this side."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        joys = [joy[0] for _, joy in heard.since(f'joy {operator}', marks['since'])]
-        if any(axis < len(axes) and sign * axes[axis] >= _FULL for axes in joys):
+        joys = [
+            (at, axes)
+            for at, (axes, _) in heard.since(f'joy {operator}', marks['since'] - _RESTED)
+            if axis < len(axes)
+        ]
+        ways = [sign * axes[axis] for at, axes in joys if at >= marks['since']]
+        if any(way >= _FULL for way in ways):
             return Seen(True, f'axis {axis} is at {sign:+d}')
-        if any(axis < len(axes) and sign * axes[axis] <= -_FULL for axes in joys):
+        if any(way <= -_FULL for way in ways):
             return Seen(False, f'axis {axis} went to {-sign:+d}: its sign is wrong')
-        held = [joy[0] for _, joy in heard.since(f'joy {operator}', now - _RESTED)]
+        held = [axes for at, axes in joys if at >= now - _RESTED]
         if held and now - marks['since'] > _RESTED and abs(held[-1][axis]) < _AWAY:
             ends = set.intersection(
                 *({n for n, v in enumerate(axes) if abs(v) >= _FULL} for axes in held)
@@ -176,26 +183,34 @@ def axis_at_end(operator: str, axis: int, sign: int) -> Look:
     return look
 
 
-def button(operator: str, index: int, value: int) -> Look:
-    """A button is pressed, or released."""
+Button = tuple[int, int]  # its place in buttons, and the least value of a pressed one
+
+
+def is_pressed(joy: tuple[Sequence[float], Sequence[int]], button: Button) -> bool:
+    """Tell whether a button is pressed, as the mux judges it."""
+    index, least = button
+    return any(value >= least for value in joy[1][index : index + 1])
+
+
+def pressed_button(operator: str, button: Button) -> Look:
+    """A button is pressed."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        for _, (_, buttons) in heard.since(f'joy {operator}', marks['since']):
-            if index < len(buttons) and bool(buttons[index]) is bool(value):
-                return Seen(True, f'button {index} is {"pressed" if value else "released"}')
-        return None
+        at = heard.first(f'joy {operator}', marks['since'], lambda joy: is_pressed(joy, button))
+        return None if at is None else Seen(True, f'button {button[0]} is pressed')
 
     return look
 
 
-def held(operator: str, index: int) -> Look:
+def held(operator: str, button: Button) -> Look:
     """A button stays pressed, without a gap, for a while."""
+    index, _ = button
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         joys = [joy for _, joy in heard.since(f'joy {operator}', marks['since'])]
         if not joys:
             return None
-        if not all(any(buttons[index : index + 1]) for _, buttons in joys):
+        if not all(is_pressed(joy, button) for joy in joys):
             return Seen(False, f'button {index} slips: it was released while it was held')
         return Seen(True, f'button {index} holds') if now - marks['since'] >= _HELD else None
 
@@ -305,7 +320,7 @@ def disabled(
     node: str,
     bound: float,
     state: State = 'STOPPED',
-    pushed: int = 0,
+    pushed: Button = (0, 1),
     remote: str = '',
 ) -> Look:
     """
@@ -318,7 +333,7 @@ def disabled(
     """
 
     def let_go(heard: History, joy: str, since: float) -> float | None:
-        return heard.first(joy, since, lambda each: not any(each[1][pushed : pushed + 1]))
+        return heard.first(joy, since, lambda each: not is_pressed(each, pushed))
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = marks['since']
@@ -372,13 +387,16 @@ def stands(standstill: float, time: float | None, angle: float | None) -> Look:
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         samples = [*heard.since('joints', marks['began'])]
-        moved = [at for at, joints in samples if _fastest(joints) > standstill]
+        before = heard.before('joints', marks['began']) or (samples[0][1] if samples else {})
+        known = [name for name, speed in before.items() if math.isfinite(speed)]
+        courses = [[(at, each[name]) for at, each in samples if name in each] for name in known]
+        # What is not measured any more does not stand.
+        moved = [at for each in courses for at, speed in each if not abs(speed) <= standstill]
         last = max(moved, default=marks['began'])
-        if not samples or samples[-1][0] < last + _MOVES:
+        if not known or not all(each and each[-1][0] >= last + _MOVES for each in courses):
             return None
-        before = heard.before('joints', marks['began']) or samples[0][1]
         measured = [Measured('from the cause to standstill', last - marks['began'], limit=time)]
-        for name in before:
+        for name in known:
             far = sum(_areas(name, [(marks['began'], before), *samples]))
             measured.append(Measured(f'{name} turned meanwhile', far, 'rad', angle))
         stopping = {

@@ -61,7 +61,7 @@ def obeys(node: Node) -> Look:
 
 def _unless_stopped(look: Look) -> Look:
     """Look, for as long as the mux does not stop."""
-    going = looks.still('READY', math.inf)
+    going = looks.still('READY', math.inf, math.inf)
 
     def either(heard: History, marks: Marks, now: float) -> Seen | None:
         return going(heard, marks, now) or look(heard, marks, now)

@@ -11,7 +11,9 @@ from functools import cached_property
 from typing import Any
 
 from bridge_core.device import Device, Hands, Trial
-from bridge_core.parameters import names_of
+from bridge_core.parameters import full_topic, names_of
+
+STOP_LIMITS = {'commissioning.stop_time': 's', 'commissioning.stop_angle': 'rad'}
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Node:
 
     def topic(self, name: str) -> str:
         """Return the full name of a topic as this node, a mux, means it."""
-        return name if name.startswith('/') else f'{self.full.rpartition("/")[0]}/{name}'
+        return full_topic(self.full, name)
 
 
 class Machine:

@@ -39,7 +39,7 @@ from rugged_teleop.commission.answers import read_answers, SKIP, WHO
 from rugged_teleop.commission.daily import daily_steps, result_of
 from rugged_teleop.commission.engine import Engine, LeftError
 from rugged_teleop.commission.faces import Player, Terminal
-from rugged_teleop.commission.machine import Machine, Node
+from rugged_teleop.commission.machine import Machine, Node, STOP_LIMITS
 from rugged_teleop.commission.step import Question, Record, Step
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.devices import devices
@@ -138,19 +138,33 @@ def _check(folder: Path, file: Path) -> None:
     """Compare, and exit with 1 if what decides is not what was tried."""
     report = folders.verify(folder)
     machine, _ = read_machine(file)
-    changed = differences(report['parameters'], nodes_of(machine))
+    changed = _changes(report, machine)
     print(_words_of(report))
     if changed:
         print('not validated: ' + '; '.join(changed))
     sys.exit(int(bool(changed)))
 
 
+def _changes(report: Mapping[str, Any], machine: Machine) -> list[str]:
+    """Return what is not as it was tried."""
+    changed = differences(report['parameters'], nodes_of(machine))
+    mux = report['parameters'].get(machine.mux.full, {})
+    for name in STOP_LIMITS:  # which say nothing of the machine, and decide what passes
+        if mux.get(name) != machine.values[name]:
+            changed.append(f'{name} was {mux.get(name)}, is {machine.values[name]}')
+    if report['version'] != version():
+        changed.append(f'the package was {report["version"]}, is {version()}')
+    return changed
+
+
 def _words_of(report: Mapping[str, Any]) -> str:
-    words = f'{report["machine"]}: {report["verdict"]} on {report["date"]} by {report["who"]}'
+    machine = report['machine'] + ' (simulated)' * report['simulated']
+    words = f'{machine}: {report["verdict"]} on {report["date"]} by {report["who"]}'
     return '\n  '.join((words, *report['failed'], *report['exceptions']))
 
 
 def _commission(file: Path, options: argparse.Namespace) -> None:
+    given = file.read_bytes()  # as it is tried; somebody may edit it meanwhile
     machine, findings = read_machine(file)
     if options.daily:
         _daily(file, machine, options)
@@ -167,6 +181,11 @@ def _commission(file: Path, options: argparse.Namespace) -> None:
     with contextlib.ExitStack() as exits:
         engine, face, running = _engine(exits, folder, file, machine, steps, answers, options)
         head: dict[str, Any] = {}
+
+        def keep(record: Record) -> None:
+            done[record.name] = record
+            _save(folder, given, head, steps, done)
+
         try:
             head = _head(file, machine, before, face, options)
             for step in steps:
@@ -174,13 +193,12 @@ def _commission(file: Path, options: argparse.Namespace) -> None:
                     continue
                 if not options.step and step.name in done and done[step.name].result == 'passed':
                     continue
-                done[step.name] = engine.run(step, engine.blocked(step, steps, done))
-                _save(folder, file, head, steps, done)
+                engine.run(step, engine.blocked(step, steps, done), keep)
         except (LeftError, KeyboardInterrupt):
             print('left; the same command goes on from here')
         if not head:
             sys.exit(1)
-        report = _save(folder, file, head, steps, done)
+        report = _save(folder, given, head, steps, done)
         running.say(f'trial: {report["verdict"]}; {folder.absolute()}; by {report["who"]}')
         face.end(_words_of(report))
     print(f'see {folder / folders.PAGE}')
@@ -191,6 +209,10 @@ def _daily(file: Path, machine: Machine, options: argparse.Namespace) -> NoRetur
     """Do the daily check, and have it written into the ledger."""
     answers, steps = _answers(options, machine), daily_steps(machine)
     done: dict[str, Record] = {}
+
+    def keep(record: Record) -> None:
+        done[record.name] = record
+
     _end_in_order()
     with contextlib.ExitStack() as exits:
         engine, face, running = _engine(exits, None, file, machine, steps, answers, options)
@@ -198,7 +220,7 @@ def _daily(file: Path, machine: Machine, options: argparse.Namespace) -> NoRetur
         try:
             who = face.ask(Step(name='daily', title='The daily check'), Question('who', 'who:'))
             for step in steps:
-                done[step.name] = engine.run(step, engine.blocked(step, steps, done))
+                engine.run(step, engine.blocked(step, steps, done), keep)
         except (LeftError, KeyboardInterrupt):
             print('left')
         result = result_of(steps, done, who or 'nobody')
@@ -216,14 +238,14 @@ def _end_in_order() -> None:
 
 def _save(
     folder: Path,
-    file: Path,
+    given: bytes,
     head: Mapping[str, Any],
     steps: Sequence[Step],
     done: Mapping[str, Record],
 ) -> dict[str, Any]:
     in_order = {each.name: done[each.name] for each in steps if each.name in done}
     report = folders.report_of({**head, 'date': _date()}, steps, in_order)
-    folders.write(folder, report, file.read_bytes())
+    folders.write(folder, report, given)
     return report
 
 
@@ -239,12 +261,12 @@ def _before(
     folder: Path, machine: Machine, options: argparse.Namespace
 ) -> tuple[Mapping[str, Any], dict[str, Record]]:
     """Return what stands above the steps of a trial that was left, and what was done in it."""
+    folders.complete(folder)
     if not (folder / folders.REPORT).exists():
         return {}, {}
     before = folders.verify(folder)
-    changed = differences(before['parameters'], nodes_of(machine))
-    if changed:
-        raise ValueError(f'{folder} is of other parameters: {"; ".join(changed)}')
+    if changed := _changes(before, machine):
+        raise ValueError(f'{folder} is of another trial: {"; ".join(changed)}')
     if before['simulated'] is not options.simulated:
         raise ValueError(
             f'{folder} is of {"a simulated" if before["simulated"] else "the"} machine'

@@ -160,9 +160,11 @@ def driving(machine: Machine, operator: str) -> tuple[tuple[Phase, ...], tuple[A
     return (*phases, moving), (*let_go, *releases)
 
 
-def first_deadman(machine: Machine, operator: str) -> int:
-    """Return its button."""
-    return int(machine.values[f'operator.{operator}.deadman_buttons'][0])
+def button_of(machine: Machine, operator: str, index: int | None = None) -> looks.Button:
+    """Return a button of an operator, and from when on it is pressed. None: its deadman's."""
+    if index is None:
+        index = machine.values[f'operator.{operator}.deadman_buttons'][0]
+    return index, machine.values[f'operator.{operator}.pressed_at']
 
 
 def in_motion(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import contextlib
 from functools import partial
 import json
+from operator import attrgetter
 from pathlib import Path
 import time
 from typing import Any
@@ -30,6 +31,7 @@ from bridge_core.proof_topics import PROOF_QOS
 from rugged_teleop.asker import Visitor
 from rugged_teleop.bench.commander import Commander
 from rugged_teleop.bench.course import Course, Phase
+from rugged_teleop.bench.main import follow
 from rugged_teleop.commission.engine import Benched
 from rugged_teleop.commission.folder import new_piece
 from rugged_teleop.commission.history import History
@@ -77,9 +79,6 @@ class Running(Visitor):
         self._at = 0.0  # when the message that is taken was sent
         values, mux = machine.values, machine.mux
         self._bool = self._subscriber(Bool, lambda message: message.data)
-        joints = self._subscriber(
-            JointState, lambda m: dict(zip(m.name, m.velocity, strict=False))
-        )
         joy = self._subscriber(Joy, lambda message: ([*message.axes], [*message.buttons]))
         text = self._subscriber(String, lambda message: message.data)
         text('state', f'{mux.full}/state', latched_qos())
@@ -87,13 +86,12 @@ class Running(Visitor):
             DiagnosticStatus, lambda message: {each.key: each.value for each in message.values}
         )('status', f'{mux.full}/status', latched_qos())
         if values['output'] == 'joints':
-            joints('command', f'{mux.full}/command', 10)
-        if values['feedback.topic']:
-            joints('joints', mux.topic(values['feedback.topic']), 10)
-            positions = self._subscriber(
-                JointState, lambda m: dict(zip(m.name, m.position, strict=False))
+            demand = attrgetter(values['interface'])
+            self._subscriber(JointState, lambda m: dict(zip(m.name, demand(m), strict=False)))(
+                'command', f'{mux.full}/command', 10
             )
-            positions('positions', mux.topic(values['feedback.topic']), 10)
+        if values['feedback.topic']:
+            self._hear(JointState, mux.topic(values['feedback.topic']), 10, self._on_joints)
         if values['drive_enabled_topic']:
             self._bool('enabled', mux.topic(values['drive_enabled_topic']), latched_qos())
         for name in names_of(values, 'estop_sources'):
@@ -124,8 +122,12 @@ class Running(Visitor):
 
         return subscribe
 
+    def _on_joints(self, message: Any) -> None:
+        for channel, values in (('joints', message.velocity), ('positions', message.position)):
+            self.history.add(channel, self._at, dict(zip(message.name, values, strict=False)))
+
     def _hear(self, kind: Any, topic: str, qos: Any, take: Callable[[Any], None]) -> None:
-        """Subscribe to a topic. :param qos: a depth, or more of it."""
+        """Subscribe to a topic, once: it is recorded so often. :param qos: a depth, or more."""
         name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
         latched = getattr(qos, 'durability', None) == DurabilityPolicy.TRANSIENT_LOCAL
         channel = None
@@ -203,8 +205,10 @@ class Running(Visitor):
         end = clock.now() + _ANSWER_LIMIT
         while not call.done() and clock.now() < end:
             self.spin(0.01)
-        reply = call.result() if call.done() else None
-        answer = (bool(reply.success), str(reply.message)) if reply else (False, 'no answer')
+        if not call.done():
+            return False, 'no answer'
+        reply = call.result()
+        answer = bool(reply.success), str(reply.message)
         self.history.add('reset', clock.now(), answer)
         return answer
 
@@ -238,16 +242,12 @@ class Running(Visitor):
             Commander('speed', node, joint, _RATE, beside=self) as commander,
         ):
             course = Course(_SPEED, _SECONDS, clock.now(), is_measured=True)
-            while course.phase is not Phase.DONE:
-                if commander.refusal:
-                    course.interrupt(commander.refusal, clock.now())
-                order = course.step(commander.facts(), clock.now())
+
+            def on_step() -> None:
                 phases.setdefault(course.phase, clock.now())
-                if order is not None:
-                    commander.publish(order)
-                self._mover.publish()
                 self.on_spin()
-                commander.spin()  # both hear
+
+            follow(course, commander, on_step)  # as it spins, both hear
         self.spin(_QUIET)
         began = phases.get(Phase.ENABLING, clock.now())
         enabling = phases.get(Phase.MOVING, clock.now()) - began

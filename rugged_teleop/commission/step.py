@@ -36,12 +36,13 @@ class Measured:
     def text(self) -> str:
         """For people."""
         limit = '' if self.limit is None else f' (at most {self.limit:.3g})'
-        note = ' is impossible: the effect came before its cause' if self.value < 0.0 else limit
+        is_impossible = self.limit is not None and self.value < 0.0
+        note = ' is impossible: the effect came before its cause' if is_impossible else limit
         return f'{self.name}: {self.value:.3g} {self.unit}{note}'
 
     @property
     def is_within(self) -> bool:
-        """Tell whether it is within its limit; a negative time is impossible."""
+        """Tell whether it is within its limit; what has one is not below 0."""
         return self.limit is None or 0.0 <= self.value <= self.limit
 
 

@@ -11,11 +11,11 @@ from typing import Any
 
 from bridge_core.device import Hands
 from rugged_teleop.commission import looks
-from rugged_teleop.commission.machine import Machine
+from rugged_teleop.commission.machine import Machine, STOP_LIMITS
 from rugged_teleop.commission.parts import (
+    button_of,
     deadman,
     deadmen,
-    first_deadman,
     get_ready,
     in_motion,
     push,
@@ -27,8 +27,6 @@ from rugged_teleop.commission.step import Act, Look, Marks, Measured, Phase, Que
 from rugged_teleop.commission.steps_actuators import actuators, actuators_hear
 from rugged_teleop.commission.steps_features import features, reset_button
 from rugged_teleop.commission.steps_told import chains, links, what_it_is, what_it_says
-
-BENCH_TURN = 0.5  # of a turn that a joint makes in its trial, at least
 
 
 def steps_of(machine: Machine, findings: Sequence[str] = ()) -> list[Step]:
@@ -59,10 +57,9 @@ def _limits(machine: Machine) -> Step:
         for name in (f'joint.{joint}.max',)
         if name not in given
     ]
-    wanted = {'commissioning.stop_time': 's', 'commissioning.stop_angle': 'rad'}
     problems += [
         f'{name} is not given: enter after how many {unit} a joint has to stand'
-        for name, unit in wanted.items()
+        for name, unit in STOP_LIMITS.items()
         if not values[name]
     ]
     return Step(
@@ -78,7 +75,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
     source, state = stop.source, 'STOPPED' if stop.always else 'READY'
     pressed = looks.pressed(source, stop.full, stop.bound, counts=stop.always)
     refused = Phase('a refused reset', looks.refused, (Act('', lines=('reset',)),))
-    again = Phase('nothing that moves by a reset', looks.still('READY'))
+    again = Phase('nothing that moves by a reset', looks.still('READY', machine.standstill))
     return Step(
         name=f'stop.{source}.{stop.name}',
         title=f'{stop.press.text}: a stop, until it is released and reset',
@@ -93,7 +90,7 @@ def _stop(machine: Machine, stop: Stop) -> Step:
             *((refused,) if stop.always else ()),
             Phase(
                 f'{source} clear, the mux still {state}, and nothing that moves',
-                looks.released(source, state),
+                looks.released(source, machine.standstill, state),
                 (stop.release,),
                 person=True,
                 limit=10.0,
@@ -155,7 +152,8 @@ def _sides(values: Mapping[str, Any], operator: str, axis: int) -> dict[int, str
 def _pressed_at_rest(machine: Machine, operator: str, index: int) -> Step:
     press, release = deadman(machine, operator, index)
     rest = looks.at_rest(operator)
-    pressed = looks.button(operator, index, 1)
+    button = button_of(machine, operator, index)
+    pressed = looks.pressed_button(operator, button)
     return Step(
         name=f'operator.{operator}.deadman.{index}',
         title=f'{operator}: the deadman, button {index}, pressed, held and released at rest',
@@ -164,13 +162,15 @@ def _pressed_at_rest(machine: Machine, operator: str, index: int) -> Step:
             get_ready(machine, operator),
             Phase('at rest', rest),
             Phase(f'button {index} pressed', pressed, (press,), person=True),
-            Phase('held', looks.held(operator, index)),
+            Phase('held', looks.held(operator, button)),
             Phase('released', rest, (release,), person=True),
         ),
     )
 
 
 # Each joint, without the mux
+
+_FEW = 0.05  # turns; less is said of a joint that nobody measures
 
 
 def _joints(machine: Machine) -> Iterator[Step]:
@@ -209,6 +209,10 @@ def _judge_joint(joint: str, enable_timeout: float) -> Any:
         )
         if answers['which'] != joint:
             problem = f'{answers["which"]} turned in the place of {joint}: exchange the joints'
+        elif not counted:
+            problem = f'{joint} did not turn'
+        elif not abs(turns) >= _FEW:
+            problem = f'the feedback says nothing of {joint}: look at feedback.topic'
         elif counted * turns <= 0.0:
             problem = f'{joint} turned the wrong way: invert it'
         elif not 0.75 <= counted / turns <= 1.25:
@@ -233,8 +237,9 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
             continue
         for name, switch in node.hands.pauses.items():
             act, end = worked(node, '', switch)
-            again = Phase('nothing that moves by its end', looks.still('READY'), (end,))
-            cause = _let_go(machine, operator, first_deadman(machine, operator))
+            still = looks.still('READY', machine.standstill)
+            again = Phase('nothing that moves by its end', still, (end,))
+            cause = _let_go(machine, operator)
             yield in_motion(machine, operator, f'{operator}.{name}', act, cause, end, (again,))
     if not machine.operators:
         return
@@ -249,7 +254,7 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
                 f'estop {stop.source}',
                 stop.full,
                 bound,
-                pushed=first_deadman(machine, operator),
+                pushed=button_of(machine, operator),
                 remote=remote,
             )
             name = f'{remote or stop.source}.{stop.name}'
@@ -277,13 +282,13 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
             ),
             Phase(
                 f'{stop.source} clear, the mux still STOPPED, and nothing that moves',
-                looks.released(stop.source),
+                looks.released(stop.source, machine.standstill),
                 (*presses, *pushed, stop.release),
                 person=True,
                 limit=10.0,
             ),
             Phase('a refused reset', looks.refused, (Act('', lines=('reset',)),)),
-            Phase('nothing that moves', looks.still('STOPPED')),
+            Phase('nothing that moves', looks.still('STOPPED', machine.standstill)),
             ended,
         ),
     )
@@ -294,14 +299,16 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
         yield in_motion(machine, operator, f'{operator}.deadman{suffix}', release, cause)
         words = f'{release.text} a moment, as if it slipped, the stick still pushed'
         again = Act('Press it again, and hold it', press.node, press.lines)
-        stays = Phase('nothing that moves by pressing it again', looks.still('READY'), (again,))
+        still = looks.still('READY', machine.standstill)
+        stays = Phase('nothing that moves by pressing it again', still, (again,))
         slip = Act(words, release.node, release.lines)
         yield in_motion(machine, operator, f'{operator}.slip{suffix}', slip, cause, None, (stays,))
 
 
-def _let_go(machine: Machine, operator: str, index: int) -> Look:
+def _let_go(machine: Machine, operator: str, index: int | None = None) -> Look:
     """Return what is seen where the deadman is released, or counts as such."""
     node = machine.remote_of(operator)
     bound = float(machine.values[f'operator.{operator}.timeout'])
     full = node.full if node else ''
-    return looks.disabled(f'joy {operator}', full, bound, 'READY', index)
+    button = button_of(machine, operator, index)
+    return looks.disabled(f'joy {operator}', full, bound, 'READY', button)

@@ -49,7 +49,10 @@ _SAFE, _STAYS = 'at their failsafe', 'where they were'
 
 def actuators_hear(machine: Machine) -> Iterator[Step]:
     """Yield the step that sees every actuator hear a stop of the mux, before one of them moves."""
-    stop, nodes = _any_stop(machine), [each.full for each in machine.bridges if _moves(each)]
+    stop = _any_stop(machine)
+    actuators = [each for each in machine.bridges if each.device and each.device.actuator]
+    # An SSC without servos is a remote.
+    nodes = [each.full for each in actuators if each.hands.places is None or each.joints]
     if stop is None or not nodes:
         return
     pressed = looks.pressed(stop.source, stop.full, stop.bound)
@@ -83,10 +86,6 @@ def actuators(machine: Machine) -> Iterator[Step]:
         yield from _of_remote(machine, operator)
     for node in others:
         yield from _of_actuator(machine, node)
-
-
-def _moves(node: Node) -> bool:
-    return bool(node.device and node.device.actuator)
 
 
 def _any_stop(machine: Machine) -> Stop | None:

@@ -40,7 +40,8 @@ def reset_button(machine: Machine) -> Iterator[Step]:
         press, release = worked(node, 'Press', switch)
     silence = float(machine.values['reset_silence']) + 0.5
     pressed = looks.pressed(stop.source, stop.full, stop.bound)
-    hold = Phase('no reset while it is held', looks.still('STOPPED'), (press,), person=True)
+    still = looks.still('STOPPED', machine.standstill)
+    hold = Phase('no reset while it is held', still, (press,), person=True)
     yield Step(
         name='reset.button',
         title='The reset button: refused in a stop, and the only one that ends it',
@@ -49,10 +50,10 @@ def reset_button(machine: Machine) -> Iterator[Step]:
             get_ready(machine),
             Phase(f'e-stop source {stop.source}', pressed, (stop.press,), person=True),
             hold,
-            Phase('no reset by it', looks.still('STOPPED'), (release,), person=True),
+            Phase('no reset by it', still, (release,), person=True),
             Phase(
                 f'{stop.source} clear, the mux still STOPPED, and nothing that moves',
-                looks.released(stop.source),
+                looks.released(stop.source, machine.standstill),
                 (stop.release,),
                 person=True,
                 limit=10.0,
@@ -60,7 +61,7 @@ def reset_button(machine: Machine) -> Iterator[Step]:
             Phase('silence', looks.passed(silence), limit=silence + 4.0),
             hold,
             Phase('READY by the reset button', looks.ready(), (release,), person=True),
-            Phase('nothing that moves by it', looks.still('READY')),
+            Phase('nothing that moves by it', looks.still('READY', machine.standstill)),
         ),
     )
 

@@ -80,6 +80,9 @@ no port: do, port
 no permission: do, port
     {port} of {node}: no permission for {user}; it is for the group {group} (mode {mode})
     -> sudo usermod -aG {group} {user}, then log in again
+no group: do, port
+    {port} of {node}: no permission for {user}, and none for the group {group} (mode {mode})
+    -> install the udev rules: docs/common.md, Names for USB devices
 not logged in again: do, port
     {port} of {node}: no permission yet; {user} is in the group {group}, but not since login
     -> log in again

@@ -199,7 +199,9 @@ def port_findings(
         return [finding('no port', **words)]
     if not facts.allowed and not may_open(facts, user, user.groups):
         words |= {'group': facts.group, 'mode': f'{facts.mode:o}'}
-        entered = may_open(facts, user, {*user.groups, *user.entered})
+        if not may_open(facts, user, {facts.gid}):
+            return [finding('no group', **words)]
+        entered = may_open(facts, user, user.entered)
         return [finding('not logged in again' if entered else 'no permission', **words)]
     ours = [holder for holder in facts.holders if holder.is_ours]
     others = [holder for holder in facts.holders if not holder.is_ours]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import csv
+from datetime import datetime, timezone
 from itertools import chain
 import json
 from pathlib import Path
@@ -48,9 +49,16 @@ def parser(prog: str) -> Parser:
         help='in the order of time (the default one)',
     )
     result.add_argument('--anchor', type=Path, metavar='FILE', help='what ledger.anchor has kept')
-    result.add_argument('--since', default='', metavar='TIME', help='UTC, such as 2026-11-22')
+    result.add_argument('--since', type=utc_time, metavar='TIME', help='UTC, such as 2026-11-22')
     result.add_argument('--what', default='', help='only lines of this kind')
     return result
+
+
+def utc_time(text: str) -> str:
+    """Return a time as it stands in lines. :raises ValueError: it is none."""
+    at = datetime.fromisoformat(text)
+    at = at if at.tzinfo else at.replace(tzinfo=timezone.utc)
+    return at.astimezone(timezone.utc).isoformat(timespec='milliseconds')
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop ledger') -> None:
@@ -63,7 +71,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop ledg
         for fields in chain.from_iterable(lines(path, reader) for path in files):
             assert reader.head is not None
             digests[fields['n']] = reader.head.digest
-            if fields['at'] < options.since or options.what not in ('', fields['what']):
+            if fields['at'] < (options.since or '') or options.what not in ('', fields['what']):
                 continue
             if options.action == 'show':
                 print(told(fields))

@@ -5,8 +5,9 @@
 When stops and deadmen were last seen to work, by daily checks and ordinary use alike. Pure.
 
 A stop works where a mux has heard it say clear, stop and clear again, while its node heard its
-device all along: a link that is lost is a stop, too, and says nothing of the button. A deadman
-works where pressing it gave its operator control, releasing it ended that, and all joints stand.
+device all along: a link that is lost is a stop, too, and says nothing of the button; nor does the
+echo of another source's. A deadman works where pressing it gave its operator control, releasing
+it ended that, and all joints stand.
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from datetime import datetime
 import json
 from typing import Any, NamedTuple
 
+from bridge_core.parameters import full_topic
+
 _CONDITION = "condition of e-stop source '"
+_ECHO = 'mux.source.echo'  # code of a source that is stopped by the others alone
 _MINUTE, _HOUR = 60.0, 3600.0
 # By what a line of the ledger says: the field of its name.
 _LINES = {'stop worked': 'source', 'deadman worked': 'operator'}
@@ -75,9 +79,8 @@ class Tried:
                 kind, _, rest = parameter.partition('.')
                 name, _, last = rest.rpartition('.')
                 if (kind, last) == ('estop', 'topic'):
-                    topic = json.loads(text)
-                    full = topic if topic.startswith('/') else f'{mux.rpartition("/")[0]}/{topic}'
-                    self._nodes[Source(mux, name)] = full.rpartition('/')[0]
+                    topic = full_topic(mux, json.loads(text))
+                    self._nodes[Source(mux, name)] = topic.rpartition('/')[0]
                 elif (kind, last) == ('operator', 'topic'):
                     self._nodes[Source(mux, name, _DEADMAN)] = ''
 
@@ -95,10 +98,13 @@ class Tried:
             deadman = Source(mux, operator, _DEADMAN)
             self._at[deadman] = at
             yield deadman
+        echoes = {values.get(f'{key}.source') for key, code in values.items() if code == _ECHO}
         for key, word in values.items():
             if not key.startswith(_CONDITION):
                 continue
             source = Source(mux, key[len(_CONDITION) : -1])
+            if word == 'stop' and source.name in echoes:
+                continue  # nobody has pressed it
             said = self._said.get(source, ())
             if word == 'clear' and said == ('clear', 'stop'):
                 self._at[source] = at

@@ -76,7 +76,7 @@ class Witness:
             message = self._read(_TYPES[name], data)
             self._write(self._facts.of(topic, message))
             if name == 'status':
-                for source in self.tried.hear_status(node, message, self._wall(at)):
+                for source in self.tried.hear_status(node, message, at + (self._offset or 0.0)):
                     self._note(source.worked, **source.facts)
         elif name == 'link_up':
             self.tried.hear_link(node, data[4] != 0)  # behind the head of CDR
@@ -88,9 +88,6 @@ class Witness:
         if offset is not None and abs(wall - now - offset) >= _STEP:
             self._note('clock stepped', seconds=round(wall - now - offset, 3))
         self._stood(self._stops.look(now))
-
-    def _wall(self, at: float) -> float:
-        return at + (self._offset or 0.0)
 
     def _write(self, facts: Iterable[Fact]) -> None:
         for what, values in facts:

@@ -93,6 +93,7 @@ class LedgerWriter:
         self.anchor = None if anchor is None else Anchor(anchor)
         self._counts = counts
         self._lines: queue.Queue[_Line | None] = queue.Queue(_WAITING)
+        self._counting = threading.Lock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name='ledger', daemon=True)
         self._thread.start()
@@ -102,7 +103,8 @@ class LedgerWriter:
         try:
             self._lines.put_nowait((now(), what, facts))
         except queue.Full:
-            self.lost += 1
+            with self._counting:
+                self.lost += 1
 
     def stop(self, timeout: float) -> None:
         """Have written what waits, and the thread end; wait up to ``timeout`` s."""
@@ -122,8 +124,10 @@ class LedgerWriter:
     def _is_written(self, moment: Moment, what: str, facts: dict[str, Any]) -> bool:
         try:
             if self.lost:
-                self.book.append(now(), 'lost lines', {'count': self.lost})
-                self.lost = 0
+                lost = self.lost
+                self.book.append(now(), 'lost lines', {'count': lost})
+                with self._counting:  # there may be more by now
+                    self.lost -= lost
             line = self.book.append(moment, what, facts)
         except OSError as error:
             self.error = f'{error.strerror}: {self.book.path}'

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 import json
 from typing import Any
@@ -59,21 +59,31 @@ class AskedParameters:
         self.known: dict[str, dict[str, str]] = {}
         self._node = node
         self._asked: dict[str, _Asked | None] = {}  # None: it has answered
+        self._starts: dict[str, set[bytes]] = {}
 
-    def look(self, names: Iterable[str], now: float) -> None:
-        """Ask those that are new or have not answered. What left is asked when it is back."""
-        names = set(names)
-        for name in names - self._asked.keys():
-            self._asked[name] = _Asked(self._node, name)
+    def look(self, starts: Mapping[str, set[bytes]], now: float) -> None:
+        """
+        Ask those that are new or have not answered.
+
+        :param starts: by node what identifies it. One that was killed may be listed beside the
+            next of its name; what the one before had is not known of that.
+        """
+        for name, whose in starts.items():
+            if name not in self._asked or not whose <= self._starts[name]:
+                if before := self._asked.get(name):
+                    before.close()
+                self.known = {node: had for node, had in self.known.items() if node != name}
+                self._asked[name] = _Asked(self._node, name)
+            self._starts[name] = whose
         for name, asked in list(self._asked.items()):
-            if asked is not None and name in names and asked.values is None:
+            if asked is not None and name in starts and asked.values is None:
                 asked.look(now)
             elif asked is not None:
                 if asked.values is not None:
                     self.known = {**self.known, name: asked.values}
                 asked.close()
                 self._asked[name] = None
-            if name not in names:
+            if name not in starts:
                 del self._asked[name]
 
 

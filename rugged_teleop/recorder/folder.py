@@ -51,16 +51,18 @@ class Folder:
         kept.parent.mkdir(0o750, exist_ok=True)
         return path.rename(kept)
 
-    def make_room(self) -> list[Path]:
+    def make_room(self, written: Path | None = None) -> list[Path]:
         """
         Remove recordings beyond the quota, but never the newest; return them.
 
         Faults go first, for one that comes and goes would push out all stops; then the oldest.
 
+        :param written: just now, whatever its name says: the clock may be wrong.
         :raises OSError: one cannot be removed.
         """
         sizes = {path: path.stat().st_size for path in self.recordings()}
-        waiting = sorted([*sizes][:-1], key=lambda path: f'Z_{FAULT}_' not in path.name)
+        waiting = [path for path in [*sizes][:-1] if path != written]
+        waiting.sort(key=lambda path: f'Z_{FAULT}_' not in path.name)
         removed = []
         while waiting and (len(sizes) > self._files or sum(sizes.values()) > self._quota):
             removed.append(waiting.pop(0))

@@ -168,7 +168,8 @@ class Recorder(ManagedNode):
             for refused in refusals.take():
                 self._ledger.note('refused', **refused)
         topics: dict[str, str] = {}
-        found, muxes = [], []
+        starts: dict[str, set[bytes]] = {}
+        muxes = []
         for name, namespace in self.get_node_names_and_namespaces():
             full = f'{namespace.rstrip("/")}/{name}'
             try:
@@ -178,15 +179,16 @@ class Recorder(ManagedNode):
                 continue
             if 'std_msgs/msg/Bool' not in published.get(f'{full}/estop', ()):
                 continue
-            found.append(full)
+            publishers = self.get_publishers_info_by_topic(f'{full}/estop')
+            starts[full] = {bytes(each.endpoint_gid) for each in publishers}
             if 'diagnostic_msgs/msg/DiagnosticStatus' in published.get(f'{full}/status', ()):
                 muxes.append(full)
             topics |= {topic: kinds[0] for topic, kinds in [*published.items(), *heard]}
-        before, self._nodes = self._nodes, Nodes(tuple(sorted(found)), tuple(sorted(muxes)))
+        before, known = self._nodes, self._asked.known
+        self._nodes = Nodes(tuple(sorted(starts)), tuple(sorted({*muxes})))
         if self._nodes != before:
             self.lane.post(self._triggers.know, self._nodes)
-        known = self._asked.known
-        self._asked.look(found, clock.now())
+        self._asked.look(starts, clock.now())
         if self._nodes != before or self._asked.known is not known:
             self.lane.post(self._witness.know, *self._nodes, self._asked.known)
         for topic, kind in topics.items():

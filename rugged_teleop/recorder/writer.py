@@ -248,10 +248,10 @@ class FileWriter:
         self._said(f'recorded {file.path}', True)
         if self._is_kept:
             self._kept(file.path)
-        self._look()
+        self._look(file.path)
 
-    def _look(self) -> None:
-        for path in self._folder.make_room():
+    def _look(self, written: Path | None = None) -> None:
+        for path in self._folder.make_room(written):
             self._said(f'removed {path}: the folder is full', True)
         recordings = self._folder.recordings()
         self.count = len(recordings)

@@ -24,12 +24,12 @@ from rugged_teleop.replay.track import (
     Track,
     within_range,
 )
-from rugged_teleop.why.events import fields_of, reason_of
+from rugged_teleop.why.events import demand_of, fields_of, reason_of
 from safety_mux.button import ResetButton
 from safety_mux.configuration import check, joint_limits
 from safety_mux.intake import Intake, Listened
 from safety_mux.parameters import parameter_table
-from safety_mux.protocol import Decision, Demand, Kind, State
+from safety_mux.protocol import Decision, Kind, State
 
 _ABOUT = 0.5  # s; what was heard so near to the beginning stands for what was before
 _ANSWERED = 0.2  # s within which a service's answer is in the log
@@ -131,18 +131,12 @@ class MuxReplay:
         for each in self._said:
             if each.topic in topics and each.message is not None:
                 is_command = each.topic == self._command
-                value = self._demand(each.message) if is_command else each.message.data
+                value = demand_of(self._values, each.message) if is_command else each.message.data
                 course[topics[each.topic]].add(each.at, value)
         missing = [topic for topic, what in topics.items() if not course[what].points]
         if missing:
             raise ValueError(f'nothing is recorded of {", ".join(missing)}')
         return course
-
-    def _demand(self, message: Any) -> Demand:
-        if self._values['output'] == 'joints':
-            return tuple(getattr(message, self._values['interface']))
-        twist = getattr(message, 'twist', message)
-        return twist.linear.x, twist.angular.z
 
     def _first(self) -> tuple[float, str, str | None]:
         """Return the first moment at which all is known, the state and the owner."""

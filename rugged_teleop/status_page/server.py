@@ -227,7 +227,11 @@ class Server:
         if not self._access.may_see(hello.data):
             await stream.close(code=WRONG_TOKEN)
             return
-        start = {'history': list(self._samples), 'control': self._access.control}
+        start = {
+            'history': list(self._samples),
+            'control': self._access.control,
+            'now': clock.now(),  # what it is shown next may be older
+        }
         await _give(stream, json.dumps(start, separators=(',', ':'), allow_nan=False))
         reader = asyncio.create_task(_read(stream))
         try:

@@ -23,7 +23,7 @@ from bridge_core.proof import Proof, ProofError
 from rugged_teleop.command_line import moment
 from rugged_teleop.loaded import Loaded
 from rugged_teleop.recordings import Said
-from rugged_teleop.why.events import fields_of, Roles, wire_events
+from rugged_teleop.why.events import demand_of, fields_of, Roles, wire_events
 from rugged_teleop.why.rules import (
     Broken,
     DriveMonitor,
@@ -213,7 +213,7 @@ class _Watch:
         elif word == 'status':
             yield from self._status(fields_of(said.message), said.at)
         elif word in ('command', 'cmd_vel') and word in self._words:
-            yield from self._decided(self._demand(said.message), said.at)
+            yield from self._decided(demand_of(self._values, said.message), said.at)
 
     def _input(self, listened: Listened, said: Said) -> Iterator[Broken]:
         monitor, message, name = self._monitor, said.message, listened.name
@@ -257,12 +257,6 @@ class _Watch:
             self._now |= {'state': State[state], 'owner': None if owner == 'none' else owner}
             inhibits = [text for key, text in fields.items() if key.startswith('inhibit ')]
             yield from self._monitor.status(state, inhibits, at)
-
-    def _demand(self, message: Any) -> Demand:
-        if self._values['output'] == 'joints':
-            return tuple(getattr(message, self._values['interface']))
-        twist = getattr(message, 'twist', message)
-        return twist.linear.x, twist.angular.z
 
     def _decided(self, demand: Demand, at: float) -> Iterator[Broken]:
         if len(self._now) < 4 or len(demand) != self._intake.config.joints:

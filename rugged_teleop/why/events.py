@@ -8,7 +8,7 @@ when. A value of which nothing was heard is a default, and no news.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple
@@ -181,6 +181,14 @@ def fields_of(status: Any) -> dict[str, str]:
         return {str(value.key): str(value.value) for value in status.values}
     except (AttributeError, TypeError):
         return {}
+
+
+def demand_of(values: Mapping[str, Any], message: Any) -> tuple[float, ...]:
+    """Return what a mux with these parameters commands by a message."""
+    if values['output'] == 'joints':
+        return tuple(getattr(message, values['interface']))
+    twist = getattr(message, 'twist', message)
+    return twist.linear.x, twist.angular.z
 
 
 def reason_of(values: dict[str, str]) -> str:

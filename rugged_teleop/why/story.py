@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bridge_core.parameters import full_topic
 from bridge_core.reasons import advice, cause_of, causes, Coded, from_values, Severity, severity_of
 from rugged_teleop.command_line import moment as time_in_words, time_of_day
 from rugged_teleop.reasons import catalogue
@@ -99,8 +100,7 @@ def _sources(mux: str, values: Mapping[str, Any]) -> dict[str, str]:
         kind, _, rest = parameter.partition('.')
         name, _, last = rest.rpartition('.')
         if kind == 'estop' and last == 'topic' and isinstance(topic, str):
-            full = topic if topic.startswith('/') else f'{mux.rpartition("/")[0]}/{topic}'
-            found[name] = full.rpartition('/')[0]
+            found[name] = full_topic(mux, topic).rpartition('/')[0]
     return found
 
 
@@ -111,7 +111,8 @@ def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:
         for values in _last(mux, end):
             yield f'  it is {values.get("state")}: {reason_of(values)}'
     for number, moment in enumerate(moments):
-        since = max(moment - _BEFORE, moments[number - 1] + _TOGETHER if number else 0.0)
+        before = moments[number - 1] if number else 0.0
+        since = max(moment - _BEFORE, min(before + _TOGETHER, moment - _SLOW))
         until = min(moment + _AFTER, moments[number + 1] if number + 1 < len(moments) else end)
         if number:
             yield ''
@@ -121,10 +122,13 @@ def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:
 def _ends_of_motion(mux: str, events: Iterable[Event]) -> list[float]:
     """Return when the mux stopped the machine, or control ended; together what was together."""
     ends: list[float] = []
+    again = True  # it has enabled the drives since
     for event in events:
+        again |= (event.what, event.value) == (f'enable {mux}', True)
         stop = (event.what, event.value) in ((f'estop {mux}', True), (f'enable {mux}', False))
-        if stop and event.text and (not ends or event.at > ends[-1] + _TOGETHER):
+        if stop and event.text and (again or event.at > ends[-1] + _TOGETHER):
             ends.append(event.at)
+            again = False
     return ends
 
 

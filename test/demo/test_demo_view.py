@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from sensor_msgs.msg import JointState, Joy
 
-from demo.view import _KEYS, coloured, Keyboard, keys_in, picture
+from demo.view import coloured, Keyboard, keys_in, picture
 from rugged_teleop.ports import Chunk
 from stage.devices import DRIVE, VSC
 from test.demo.demo_rig import FakeStage, turn
@@ -229,14 +229,6 @@ def test_address_of_the_page_is_in_the_first_line() -> None:
     assert picture(stage, '')[0].startswith('rugged_teleop demo ')
     stage.page_address = 'http://127.0.0.1:8081'
     assert picture(stage, '', width=79)[0].startswith('http://127.0.0.1:8081 ')
-
-
-def test_low_terminal_loses_blank_lines_before_any_words() -> None:
-    roomy = picture(Shown(), '', height=40)
-    assert picture(Shown(), '', 80, 24)[-len(_KEYS) :] == [*_KEYS]
-    assert '' in roomy
-    low = picture(Shown(), '', height=25)
-    assert low == [line for line in roomy if line]
 
 
 @pytest.mark.parametrize('inhibit', ['', 'a reason ' * 30])

@@ -27,7 +27,7 @@ from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.bench import course
 from rugged_teleop.bench.commander import Commander
 from rugged_teleop.bench.course import Course, Facts, Order, Phase
-from rugged_teleop.bench.main import _run, main
+from rugged_teleop.bench.main import follow, main
 from rugged_teleop.bench.targets import TARGETS
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
@@ -186,7 +186,7 @@ def test_what_was_decided_before_a_halt_is_not_published_after_it(
     time, told = Trial(), Told()
     monkeypatch.setattr(clock, 'now', lambda: time.now)
     trial = HaltedCourse(2.0, 3.0, time.now, is_measured=True)
-    _run(trial, told, [])
+    follow(trial, told, lambda: None)
     assert not any(order.value for order in told.orders)
     assert told.orders[-1] == STOP
     assert 'held up for 10.0 s' in trial.problem
@@ -374,16 +374,6 @@ def test_joint_turns_for_its_time_and_ends_at_rest_and_disabled(drive: Drive, no
     assert drive.rpm < 1.0
 
 
-@pytest.mark.proof  # the course shows the same
-def test_joint_that_runs_on_without_its_drive_is_no_success(drive: Drive, node: str) -> None:
-    """Say a brake that does not hold on a slope: 48 rpm are 5.03 rad/s."""
-    drive.apply('slope 48')
-    with bench('--node', node, '--joint', 'left', '--speed', '1.0', '--seconds', '1') as child:
-        text, _ = child.communicate(timeout=60.0 * TIMEOUT_FACTOR)
-    assert (child.returncode, 'still turns at 5.03 rad/s' in text) == (1, True), text
-    assert not drive.enabled
-
-
 @pytest.mark.parametrize(
     ('number', 'status'),
     [pytest.param(SIGINT, 130, marks=pytest.mark.proof), (SIGKILL, -SIGKILL)],
@@ -443,7 +433,7 @@ def test_status_is_that_of_the_trial_though_nobody_reads_why(
 
     commander = contextlib.nullcontext(SimpleNamespace(summary=''))
     monkeypatch.setattr(f'{Commander.__module__}.Commander', lambda *_: commander)
-    monkeypatch.setattr(f'{_run.__module__}._run', run)
+    monkeypatch.setattr(f'{follow.__module__}.follow', run)
     monkeypatch.setattr(sys, 'stderr', SimpleNamespace(write=gone))
     with pytest.raises(SystemExit) as ended:
         main(['--speed', '1', '--joint', 'left'])

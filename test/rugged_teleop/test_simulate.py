@@ -539,31 +539,6 @@ def test_command_helps_and_takes_its_port_away_when_it_is_told_to_end(
     assert not path.is_symlink()
 
 
-def test_command_of_the_vm110_speaks_on_the_group_until_a_signal() -> None:
-    port = free_port()
-    heard = MulticastTransport(GROUP, port, port + 2, interface_address=LOOPBACK)
-    heard.open()
-    with Command('vm110', '--port', str(port)) as command:
-        command.wait(f'vm110 on {GROUP}:{port} at {LOOPBACK}; type help')
-        packets: list[bytes] = []
-
-        def tells() -> bool:
-            packets.extend(heard.receive())
-            return bool(packets)
-
-        wait_for(tells, 5.0, 'a packet of the base unit')
-        assert packets[0].startswith(b'VRPI')
-        command.say('help')
-        command.wait('reboot')
-        command.say('arm 4')
-        command.wait('not done: arm RU:')
-        command.say('unplug')
-        command.say('show')
-        command.wait('plugged: False')
-        assert command.end(signal.SIGTERM) == 0
-    heard.close()
-
-
 def test_command_that_is_told_twice_to_end_ends_well(path: Path) -> None:
     """Ctrl-C is a signal of the terminal's, then one of ros2 launch."""
     with Command('fort_vsc', '--port', str(path)) as command:

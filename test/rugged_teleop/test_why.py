@@ -146,6 +146,27 @@ def test_drive_that_goes_on_did_not_obey() -> None:
     assert f'{DRIVE} DID NOT OBEY: it moves 2.0 s after the stop' in text
 
 
+def test_stop_soon_after_the_end_of_control_has_a_story_of_its_own() -> None:
+    text = '\n'.join(
+        story(
+            [
+                *driving(),
+                said(0, f'{MUX}/enable', Bool(data=False)),
+                said(1, f'{MUX}/status', status('READY', 'none', 'released')),
+                said(9, f'{DRIVE}/enabled', Bool(data=False)),
+                said(20, f'{DRIVE}/joint_states', joints(0.0, 0.0)),
+                said(500, f'{MUX}/enable', Bool(data=True)),
+                said(520, f'{DRIVE}/enabled', Bool(data=True)),
+                *(replace(each, at=each.at + 0.9) for each in stopping()),
+                said(2500, f'{DRIVE}/enabled', Bool(data=True)),
+            ]
+        )
+    )
+    assert f'{DRIVE} was disabled 9 ms after the stop' in text
+    assert f'{MUX} is STOPPED: {STOPPED_BY} demands a stop: pressed' in text
+    assert f'{DRIVE} DID NOT OBEY: it is enabled 1.6 s after the stop' in text
+
+
 @pytest.mark.parametrize('linked', [True, False], ids=['drive', 'node'])
 def test_drive_that_fell_silent_is_called_neither_disabled_nor_at_rest(linked: bool) -> None:
     """A false ~/enabled is a default then; a node that died says nothing at all."""
@@ -299,16 +320,6 @@ def test_damaged_file_is_told_as_far_as_it_goes_in_one_line(
     assert status == 1
     assert error.startswith('# it is read up to here only: ')
     assert len(error.splitlines()) == 1
-
-
-def test_what_is_no_recording_is_one_line_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / 'notes.txt'
-    path.write_text('hello')
-    status, out, error = outcome(path, capsys)
-    assert (status, out) == (2, '')
-    assert error == f'rugged_teleop why: {path}: is no MCAP file\n'
 
 
 def test_messages_that_are_not_what_their_type_says_are_passed_over() -> None:

@@ -18,7 +18,7 @@ export function live(start, take, render) {
   let dirty = false;
   const onMessage = (message) => {
     if (message.history) {
-      least = Infinity;
+      least = seconds() - message.now;
       start(message);
       return;
     }

@@ -6,9 +6,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+import errno
 import io
 import json
+import math
+import os
 from pathlib import Path
+from signal import SIGCONT, SIGKILL
+import termios
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -56,6 +63,7 @@ class Paper:
         self.history = History()
         self.time, self.acts, self._begin = 100.0, list[str](), begin
         self.wishes, self.again = list[str](), list[bool]()
+        self.commands = list[Command | None]()
 
     def now(self) -> float:
         return self.time
@@ -67,6 +75,7 @@ class Paper:
         return True, ''
 
     def command(self, command: Command | None) -> bool:
+        self.commands.append(command)
         return True
 
     def pid_of(self, node: str, process: str) -> int:
@@ -186,6 +195,120 @@ def test_number_beyond_its_limit_fails(value: float, result: Result) -> None:
     assert _engine(Paper()).run(step).result is result
 
 
+def test_number_without_a_limit_may_be_negative() -> None:
+    assert Measured('turned', -0.5, 'turns').text == 'turned: -0.5 turns'
+
+
+def test_what_came_of_a_step_is_kept_before_a_person_is_asked_who_may_leave() -> None:
+    paper, kept = Paper(), list[Record]()
+
+    def leave(record: Record) -> bool:
+        raise LeftError
+
+    paper.tell = leave  # type: ignore[method-assign]
+    with pytest.raises(LeftError):
+        _engine(paper).run(Step(name='a', title='a', phases=(NEVER,)), keep=kept.append)
+    assert [each.result for each in kept] == [Result.FAILED]
+
+
+def test_trial_that_is_left_as_a_step_failed_has_failed_with_the_file_that_it_began_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, paper = tmp_path / 'my.yaml', Paper()
+    file.write_bytes(FILE.read_bytes())
+
+    def leave(record: Record) -> bool:
+        file.write_text('# edited')
+        raise LeftError
+
+    paper.tell = leave  # type: ignore[method-assign]
+    face = SimpleNamespace(ask=paper.ask, say=lambda _: True, end=lambda _: None)
+    stand_ins: dict[str, object] = {
+        '_engine': lambda *_: (_engine(paper), face, face),
+        'steps_of': lambda *_: [Step(name='a', title='a', phases=(NEVER,))],
+        'require': lambda *_: None,
+        '_end_in_order': lambda: None,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f'{main.__module__}.{name}', stand_in)
+    with pytest.raises(SystemExit) as ended:
+        main([str(file), '--folder', str(tmp_path / 'trial')])
+    assert ended.value.code == 1
+    assert folder.verify(tmp_path / 'trial')['verdict'] == 'failed'
+    assert (tmp_path / 'trial' / folder.PARAMETERS).read_bytes() == FILE.read_bytes()
+
+
+def test_what_is_not_measured_is_not_plotted() -> None:
+    paper = Paper()
+    paper.history.add('joints', 100.0, {'left': math.nan, 'right': 1.0})
+    record = _engine(paper).run(Step(name='a', title='a', moves=True))
+    assert record.series == {'joints right': [[0.0, 1.0]]}
+
+
+# What the trial moves by itself
+
+MOVE = Act('Move it', '/n', command=Command('/n', (0.2,)))
+
+
+def test_while_the_trial_moves_something_nobody_is_waited_for_without_an_end() -> None:
+    """A page waits for ever; the phone may have lost its network."""
+    paper = Paper()
+    paper.person = math.inf
+    paper.wishes = [''] * 7000 + ['leave']
+    for person in (False, True):
+        phases = (Phase('its end', lambda *_: None, (MOVE,), person=person),)
+        record = _engine(paper).run(Step(name='a', title='a', phases=phases))
+        assert record.result is Result.FAILED
+        assert paper.commands[-1] is None
+    assert paper.time - 100.0 < 130.0
+
+
+def test_nothing_is_moved_while_a_person_is_asked() -> None:
+    paper, ask = Paper(), Paper.ask
+
+    def asked(step: Step, question: Question) -> str:
+        assert paper.commands[-1] is None
+        return ask(paper, step, question)
+
+    paper.ask = asked  # type: ignore[method-assign]
+    phases = (Phase('motion', lambda *_: Seen(True, ''), (MOVE,)),)
+    step = Step(name='a', title='a', phases=phases, questions=(Question('q', 'Which way?'),))
+    assert _engine(paper).run(step).answers == {'q': '1'}
+
+
+def test_what_is_moved_rests_though_nobody_undoes_the_rest() -> None:
+    paper = Paper()
+
+    def gone(act: Act) -> bool:
+        raise LeftError
+
+    paper.act = gone  # type: ignore[method-assign]
+    phases = (Phase('motion', lambda *_: Seen(True, ''), (MOVE,)),)
+    with pytest.raises(LeftError):
+        _engine(paper).run(Step(name='a', title='a', phases=phases, undo=(Act('let go'),)))
+    assert paper.commands[-1] is None
+
+
+@pytest.mark.parametrize(
+    ('turned', 'turns', 'way', 'says'),
+    [
+        (6.0, '0.95', 'forward', 'turns forward, as far as it says'),
+        (6.0, '0.95', 'back', 'turned the wrong way'),
+        (6.0, '2', 'forward', '2.1 times as far'),
+        (6.0, '0', 'forward', 'left did not turn'),
+        (0.0, '0.95', 'forward', 'the feedback says nothing of left'),
+        (math.nan, '0.95', 'forward', 'the feedback says nothing of left'),
+    ],
+)
+def test_joint_is_held_against_the_eye(
+    machine: Machine, turned: float, turns: str, way: str, says: str
+) -> None:
+    judge = next(step for step in steps_of(machine) if step.name == 'joint.left').judge
+    assert judge is not None
+    answers = {'which': 'left', 'way': way, 'turns': turns}
+    assert says in judge(answers, {'turned': turned, 'enabling': 0.1}).text
+
+
 @pytest.mark.parametrize(
     ('missing', 'says'),
     [
@@ -264,12 +387,13 @@ def test_second_computer_that_is_late_is_seen(ages: list[str], ok: bool, limited
     [
         ('enabled', True, 'enabled by itself'),
         ('command', {'left': 0.1}, 'motion was commanded'),
+        ('joints', {'left': 0.0, 'right': -0.3}, 'turned by itself'),
         ('state', 'READY', 'the mux is'),
     ],
 )
 def test_what_moves_by_itself_is_seen(channel: str, value: Any, says: str) -> None:
     heard = heard_as(('state', 0.5, 'STOPPED'), (channel, 1.5, value))
-    seen = looks.still('STOPPED')(heard, {'since': 1.0}, 2.0)
+    seen = looks.still('STOPPED', 0.2)(heard, {'since': 1.0}, 2.0)
     assert seen is not None
     assert not seen.ok
     assert says in seen.text
@@ -291,6 +415,11 @@ def test_way_to_standstill_is_measured() -> None:
     assert seen.stopping == {}, 'the mux did not stop it'
     assert all(each.is_within for each in seen.measured)
     assert look(heard_as(('joints', 1.0, {'left': 2.0})), {'began': 1.0}, 9.0) is None
+    for gone in ({'left': math.nan}, {}):  # is no standstill
+        heard = heard_as(
+            ('joints', 1.0, {'left': 2.0}), *(('joints', 1.1 + n, gone) for n in (0, 1))
+        )
+        assert look(heard, {'began': 1.0}, 9.0) is None
 
 
 @pytest.mark.parametrize(
@@ -422,6 +551,96 @@ def test_input_that_ends_leaves_the_trial(
     with pytest.raises(LeftError):
         Terminal({}).ask(step, Question('q', 'Which?', kind))
     assert capsys.readouterr().out.count('Which?') <= 2
+
+
+def test_key_that_was_hit_before_a_step_was_announced_does_not_begin_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    master, slave = os.openpty()
+    flush = termios.tcflush
+
+    def flush_then_type(*given: int) -> None:
+        flush(*given)
+        os.write(master, b's\nnobody is there\n')
+
+    os.write(master, b'\n')
+    monkeypatch.setattr(termios, 'tcflush', flush_then_type)
+    with os.fdopen(slave) as terminal:
+        monkeypatch.setattr('sys.stdin', terminal)
+        step = Step(name='a', title='A', moves=True)
+        assert Terminal({}).begin(step) == 'nobody is there'
+    os.close(master)
+
+
+@pytest.fixture
+def killed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the signals that were sent to a process."""
+    sent: list[int] = []
+    monkeypatch.setattr(os, 'kill', lambda _, number: sent.append(number))
+    return sent
+
+
+def _of_process(line: str) -> Act:
+    return Act('do it', '/python', (line,), pid=os.getpid())
+
+
+@pytest.mark.parametrize(('typed', 'kills'), [('', True), ('n', False)])
+def test_nothing_stands_still_while_it_is_asked_whether_to_kill(
+    monkeypatch: pytest.MonkeyPatch, killed: list[int], typed: str, kills: bool
+) -> None:
+    """What the trial moves would rest before what is to be seen."""
+    read, write = os.pipe()
+    terminal = Terminal({})
+    with os.fdopen(read) as typing:
+        monkeypatch.setattr('sys.stdin', typing)
+        for _ in range(2):
+            assert not terminal.act(_of_process('kill'))
+            assert terminal.wish() == ''
+        os.write(write, f'{typed}\n'.encode())
+        assert terminal.wish() == ''
+        assert terminal.act(_of_process('kill'))
+        assert killed == [SIGKILL] * kills
+        os.write(write, b'\n')
+        assert terminal.wish() == 'done'
+    os.close(write)
+
+
+@pytest.mark.parametrize(
+    ('error', 'says'),
+    [
+        (None, ''),
+        (PermissionError, 'It is of another user: do it yourself'),
+        (ProcessLookupError, ''),
+    ],
+)
+def test_what_was_frozen_goes_on_without_a_question(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: type[OSError] | None,
+    says: str,
+) -> None:
+    """The terminal may be gone; and what cannot be reached ends no trial."""
+
+    def kill(pid: int, number: int) -> None:
+        assert number == SIGCONT
+        if error:
+            raise error
+
+    monkeypatch.setattr(os, 'kill', kill)
+    assert Terminal({}).act(_of_process('thaw'))
+    assert says in capsys.readouterr().out
+    assert Terminal({}).act(replace(_of_process('thaw'), pid=1 << 30))
+    assert '-> do it' in capsys.readouterr().out
+
+
+def test_terminal_that_is_gone_keeps_nothing_from_being_undone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(_: str) -> None:
+        raise OSError(errno.EIO, 'Input/output error')
+
+    monkeypatch.setattr('sys.stdout', SimpleNamespace(write=fail, flush=lambda: None))
+    assert Terminal({}).act(Act('Let go of the stick'))
 
 
 # What the mux says

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import json
+import os
 from pathlib import Path
 import random
 import sys
@@ -124,6 +126,38 @@ def test_repeated_step_has_its_newest_recording(written: Path) -> None:
     assert (written / MOVED.piece).read_bytes() == b'again'
     assert not new.exists()
     folder.verify(written)
+
+
+@pytest.mark.parametrize('done', range(6))
+def test_folder_whose_writer_was_killed_is_one_of_the_two(
+    written: Path, monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    report, replace, left = folder.verify(written), os.replace, [done]
+
+    def killed(*places: Path) -> None:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        replace(*places)
+
+    folder.new_piece(written, MOVED.piece).write_bytes(b'again')
+    report['who'] = 'B. C.'
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'replace', killed)
+        with contextlib.suppress(KeyboardInterrupt):
+            folder.write(written, report, b'a: 2\n')
+    folder.complete(written)
+    assert folder.verify(written)['who'] == 'B. C.'
+    assert (written / MOVED.piece).read_bytes() == b'again'
+
+
+def test_recording_of_a_step_that_no_report_names_takes_no_place(written: Path) -> None:
+    report = folder.verify(written)
+    folder.new_piece(written, MOVED.piece).write_bytes(b'of a step that was killed')
+    folder.new_piece(written, folder.MANIFEST).write_bytes(b'{"sha2')
+    folder.complete(written)
+    folder.write(written, report, b'a: 1\n')
+    assert (written / MOVED.piece).read_bytes() == b'recorded'
 
 
 def test_step_that_is_skipped_when_it_is_done_again_leaves_no_recording(written: Path) -> None:

@@ -5,19 +5,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
+from sensor_msgs.msg import JointState
 
+from bridge_core import clock
 from bridge_core.fingerprint import fingerprint, version
-from rugged_teleop.commission import folder
+from rugged_teleop.commission import folder, looks
 from rugged_teleop.commission.answers import read_answers
+from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import main, nodes_of, read_machine
+from rugged_teleop.commission.running import Running
 from rugged_teleop.commission.step import Question, Record, Result, Step
-from stage.rig import latched, NodeProcess, Observer
+from stage.rig import latched, NodeProcess, Observer, wait_for
 from test.rugged_teleop.commission.rig import FILE
 from test.rugged_teleop.commission.test_commission_folder import HEAD
 
@@ -103,7 +109,9 @@ def test_wrong_answers_are_refused_before_anything_starts(
     ('change', 'status', 'says'),
     [
         ({'simulated': False}, 2, 'is of the machine'),
-        ({'joint.left.max': 12.0}, 2, 'of other parameters: joint.left.max was 12.0, is 10.0'),
+        ({'joint.left.max': 12.0}, 2, 'of another trial: joint.left.max was 12.0, is 10.0'),
+        ({'commissioning.stop_time': 9.0}, 2, 'of another trial: commissioning.stop_time was 9'),
+        ({'version': '0.0.1'}, 2, 'of another trial: the package was 0.0.1, is '),
         ({'format': 2}, 1, 'no report of this version'),
     ],
 )
@@ -116,10 +124,9 @@ def test_folder_of_another_trial_is_refused_and_left_as_it_is(
     says: str,
 ) -> None:
     other = json.loads(json.dumps({**report, 'simulated': True}))
-    if 'joint.left.max' in change:
-        other['parameters']['/safety_mux'] |= change
-    else:
-        other |= change
+    is_parameter = '.' in ''.join(change)
+    place = other['parameters']['/safety_mux'] if is_parameter else other
+    place |= change
     folder.write(tmp_path, other, b'')
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert _run('--folder', str(tmp_path)) == status
@@ -127,17 +134,49 @@ def test_folder_of_another_trial_is_refused_and_left_as_it_is(
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+# What is heard of a machine
+
+
+def test_feedback_is_recorded_once_and_what_is_commanded_is_of_the_interface(
+    observer: Observer,
+) -> None:
+    machine = read_machine(FILE)[0]
+    machine.values = {**machine.values, 'interface': 'effort'}
+    topic = machine.mux.topic(machine.values['feedback.topic'])
+    feedback, command = (
+        observer.node.create_publisher(JointState, name, 10)
+        for name in (topic, '/safety_mux/command')
+    )
+    with Running(machine, lambda _: contextlib.nullcontext()) as running:
+        heard = running.history
+
+        def is_heard() -> bool:
+            feedback.publish(JointState(name=['left'], velocity=[1.0], position=[0.5]))
+            command.publish(JointState(name=['left'], effort=[2.0]))
+            running.spin(0.05)
+            return bool(heard.last('positions') and heard.last('command'))
+
+        wait_for(is_heard, what='both')
+        recorded = [each for each in running._ring.messages() if each.channel.topic == topic]
+        assert len(recorded) == len([*heard.since('joints', 0.0)])
+        assert heard.last('joints') == {'left': 1.0}
+        assert heard.last('positions') == {'left': 0.5}
+        assert heard.last('command') == {'left': 2.0}
+
+
+def test_reset_that_nobody_answers_is_not_a_refused_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f'{Running.__module__}._ANSWER_LIMIT', 0.01)
+    call = SimpleNamespace(done=lambda: False)
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _: call)
+    mux = SimpleNamespace(_reset=client, history=History(), spin=lambda _: None)
+    mux.history.add('state', clock.now(), 'STOPPED')
+    assert Running.reset(mux) == (False, 'no answer')  # type: ignore[arg-type]
+    assert looks.refused(mux.history, {'since': 0.0}, clock.now() + 9.0) is None
+
+
 # A running mux
 
 CHANGED = 'not validated: joint.left.max was 10.0, is 12.0'
-
-
-def _mux(folder: Path, left: float, **given: Any) -> NodeProcess:
-    """Start a mux with what stands in a folder. :param left: joint.left.max."""
-    file = folder.with_suffix('.yaml')
-    file.write_text(FILE.read_text().replace('left: {max: 10.0}', f'left: {{max: {left}}}'))
-    given = {f'commissioning.{name}': value for name, value in given.items()}
-    return NodeProcess('safety_mux.node', given, arguments=('--params-file', str(file)))
 
 
 def test_running_mux_says_that_it_was_not_tried_as_it_is(
@@ -146,7 +185,10 @@ def test_running_mux_says_that_it_was_not_tried_as_it_is(
     """What else it says of a report: test_commission.py."""
     folder.write(tmp_path, report, b'')
     status = observer.record(DiagnosticStatus, '/safety_mux/status', latched())
-    with _mux(tmp_path, 12.0, report=str(tmp_path / folder.REPORT)):
+    file = tmp_path.with_suffix('.yaml')
+    file.write_text(FILE.read_text().replace('left: {max: 10.0}', 'left: {max: 12.0}'))
+    given = {'commissioning.report': str(tmp_path / folder.REPORT)}
+    with NodeProcess('safety_mux.node', given, arguments=('--params-file', str(file))):
 
         def said() -> str:
             values = status.last.values if status.last else []
@@ -154,13 +196,3 @@ def test_running_mux_says_that_it_was_not_tried_as_it_is(
 
         observer.wait_for(lambda: CHANGED in said(), what=said)
         assert CHANGED in status.last.message
-
-
-def test_mux_that_needs_a_trial_refuses_to_start_without(
-    report: dict[str, Any], tmp_path: Path
-) -> None:
-    folder.write(tmp_path, report, b'')
-    with _mux(tmp_path, 12.0, report=str(tmp_path / folder.REPORT), required=True) as mux:
-        assert mux.wait() == 2
-        assert CHANGED in mux.output
-        assert len(mux.output.strip().splitlines()) == 1

@@ -97,6 +97,10 @@ def test_step_of_a_remote_that_is_stopped_does_not_begin(name: str) -> None:
     assert ready(heard, {'since': 0.5}, 2.1) is not None
 
 
+def test_topic_of_the_muxs_own_is_below_it() -> None:
+    assert read_machine(FILE)[0].mux.topic('~/stop') == '/safety_mux/stop'
+
+
 # Hands
 
 
@@ -150,17 +154,31 @@ def _of_buttons(*buttons: list[int]) -> History:
 
 
 @pytest.mark.parametrize(
-    ('history', 'ok'),
+    ('history', 'least', 'ok'),
     [
-        (_of_buttons([1], [1], [1]), True),
-        (_of_buttons([1], [0], [1]), False),
-        (_of_buttons([1], [], [1]), False),
+        (_of_buttons([1], [1], [1]), 1, True),
+        (_of_buttons([1], [0], [1]), 1, False),
+        (_of_buttons([1], [], [1]), 1, False),
+        (_of_buttons([2], [1], [2]), 2, False),  # pressed_at
     ],
 )
-def test_deadman_that_slips_while_it_is_held_is_seen(history: History, ok: bool) -> None:
-    seen = looks.held('a', 0)(history, {'since': 1.0}, 2.0)
+def test_deadman_that_slips_while_it_is_held_is_seen(
+    history: History, least: int, ok: bool
+) -> None:
+    seen = looks.held('a', (0, least))(history, {'since': 1.0}, 2.0)
     assert seen is not None
     assert seen.ok is ok
+
+
+def test_button_is_pressed_where_the_mux_takes_it_for_that() -> None:
+    look = looks.pressed_button('a', (0, 2))
+    assert look(_of_buttons([1], [1]), {'since': 1.0}, 2.0) is None
+    assert look(_of_buttons([1], [2]), {'since': 1.0}, 2.0) is not None
+
+
+def test_axis_that_is_not_there_reaches_no_end() -> None:
+    heard = _of_buttons([0], [0])
+    assert looks.axis_at_end('a', 1, 1)(heard, {'since': 1.0}, 2.0) is None
 
 
 AGE, LINK = 'from node to wire, at most (s)', "e-stop source 'fort'"

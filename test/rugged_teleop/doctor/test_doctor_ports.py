@@ -48,6 +48,14 @@ def test_no_permission(groups: Collection[int], entered: Collection[int], kind: 
         assert found[0].remedy == 'sudo usermod -aG dialout robot, then log in again'
 
 
+@pytest.mark.parametrize('entered', [(), (0,)])
+def test_group_that_has_no_right_itself_is_not_the_remedy(entered: Collection[int]) -> None:
+    facts = replace(PORT, mode=0o600, gid=0, group='root')
+    (found,) = port_findings(facts, User('robot', 1000, {1000}, entered), NODE)
+    assert found.kind == 'no group'
+    assert 'usermod' not in found.remedy
+
+
 @pytest.mark.parametrize(
     ('facts', 'user'),
     [

@@ -20,13 +20,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 
+from bridge_core.reasons import Coded, to_values
 from rugged_teleop.ledger import main as command
-from rugged_teleop.ledger.book import Book, now
+from rugged_teleop.ledger.book import Book, lines, now
+from rugged_teleop.ledger.chain import Head, Reader
 from rugged_teleop.ledger.stopping import Trend
 from rugged_teleop.ledger.tried import Tried
 from rugged_teleop.ledger.witness import Witness
 from rugged_teleop.ledger.writer import Anchor, LedgerWriter
 from rugged_teleop.recorder.definitions import message_class
+from safety_mux.reasons import REASONS
 from stage.rig import wait_for
 
 MUX, DRIVE, NODES = '/safety_mux', '/esi_drive_bridge', ('/esi_drive_bridge', '/safety_mux')
@@ -166,8 +169,13 @@ def test_stop_is_measured_and_a_slow_one_named() -> None:
         (['clear', 'stop'], False),
         (['clear', 'stop', 'stale', 'stop', 'clear'], False),
         (['clear', 'stop', 'LOST', 'stop', 'clear'], False),
+        (['clear', 'ECHO', 'clear'], False),
+        (['clear', 'ECHO', 'stop', 'ECHO', 'clear'], True),
     ],
-    ids=['pressed and released', 'start', 'pressed', 'silent', 'lost link'],
+    ids=[
+        *('pressed and released', 'start', 'pressed', 'silent', 'lost link', 'stopped by others'),
+        'pressed meanwhile',
+    ],
 )
 def test_stop_works_when_it_was_pressed_and_released(said: list[str], works: bool) -> None:
     bench = Listening()
@@ -183,13 +191,17 @@ def test_stop_works_when_it_was_pressed_and_released(said: list[str], works: boo
             KeyValue(key="condition of e-stop source 'fort'", value=word),
             KeyValue(key="condition of operator 'fort'", value=word),
         ]
+        if word == 'ECHO':
+            why = Coded('mux.source.echo', "'fort' demands a stop", source='fort')
+            values[0].value = 'stop'
+            values += [KeyValue(key=k, value=v) for k, v in to_values([why], REASONS).items()]
         if word == 'LOST':
             bench.hear('/fort/link_up', Bool(data=False))
         else:
             found += bench.hear(f'{MUX}/status', DiagnosticStatus(values=values), float(at))
     assert found == [('stop worked', {'node': MUX, 'source': 'fort'})] * works
     overdue = bench.witness.tried.overdue
-    assert overdue(1003.0) == ([] if works else ['fort never'])
+    assert overdue(1004.0) == ([] if works else ['fort never'])
     assert overdue(1003.0 + 25 * 3600) == ['fort 25 h ago' if works else 'fort never']
 
 
@@ -408,6 +420,34 @@ def test_ledger_that_cannot_be_opened_waits_until_it_can(
     assert writer.error == ''
 
 
+def test_lines_that_find_no_room_are_counted_to_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('rugged_teleop.ledger.writer._WAITING', 1)
+    path = tmp_path / 'ledger.jsonl'
+    path.mkdir()
+    writer = LedgerWriter(path, None, lambda _: None)
+    writer.note('written')
+    wait_for(lambda: writer.error, what='a line that waits')
+    append, late = writer.book.append, [1]
+
+    def meanwhile(moment: Any, what: str, facts: Any) -> bytes:
+        line = append(moment, what, facts)
+        if what == 'lost lines' and late:
+            late.clear()
+            writer.note('lost, too')
+        return line
+
+    monkeypatch.setattr(writer.book, 'append', meanwhile)
+    for _ in range(4):  # the first waits
+        writer.note('lost')
+    path.rmdir()
+    wait_for(lambda: writer.book.head.number == 4, what='all lines')
+    writer.stop(5.0)
+    found = [*lines(path, Reader(Head()))]
+    assert sum(each.get('count', 0) for each in found) == 4
+
+
 def run(*arguments: str) -> Any:
     with pytest.raises(SystemExit) as end:
         command.main(arguments)
@@ -423,8 +463,11 @@ def test_ledger_is_shown_and_exported(tmp_path: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr().out.endswith(f'  stop: node {MUX}, why a, "b"\n')
     assert run('export', path) == 0
     assert '"a, ""b""",,' in capsys.readouterr().out
-    assert run('show', path, '--since', '2999') == 0
-    assert capsys.readouterr().out == ''
+    for since, shown in {'2000-01-01': 2, '2000-01-01 12:00+09:00': 2, '2999-01-01': 0}.items():
+        assert run('show', path, '--since', since) == 0
+        assert len(capsys.readouterr().out.splitlines()) == shown
+    assert run('show', path, '--since', 'yesterday') == 2
+    assert '--since' in capsys.readouterr().err
     assert run('show', str(tmp_path / 'none')) == 2
     assert run('verify', path, '--anchor', path) == 1
     assert capsys.readouterr().err.endswith(f'{path} has kept no line\n')

@@ -201,10 +201,12 @@ class Foreign:
 
     def __init__(self, *values: ParameterValue, names: Sequence[str] = ('a', 'b')) -> None:
         result = ListParametersResult(names=names)
-        self._answers = {
-            ListParameters: ListParameters.Response(result=result),
-            GetParameters: GetParameters.Response(values=values),
-        }
+        self._answers: dict[type, Any] = {ListParameters: ListParameters.Response(result=result)}
+        self.answer(*values)
+
+    def answer(self, *values: ParameterValue) -> None:
+        """Answer this from now on."""
+        self._answers[GetParameters] = GetParameters.Response(values=values)
 
     def create_client(self, kind: type, name: str) -> Any:
         return Client(self._answers[kind])
@@ -244,8 +246,21 @@ def test_node_that_answers_wrongly_has_no_parameters(
 ) -> None:
     asked = AskedParameters(Foreign(*values))
     for now in (0.0, 0.5):
-        asked.look(['/plc'], now)
+        asked.look({'/plc': set()}, now)
     assert asked.known == {'/plc': known}
+
+
+def test_node_that_was_killed_and_is_back_is_asked_anew_though_it_was_never_missed() -> None:
+    foreign = Foreign(ONE, names=['a'])
+    asked = AskedParameters(foreign)
+    for now in (0.0, 0.5):
+        asked.look({'/plc': {b'1'}}, now)
+    assert asked.known == {'/plc': {'a': '1'}}
+    foreign.answer(ParameterValue())
+    asked.look({'/plc': {b'1', b'2'}}, 1.0)
+    assert asked.known == {}
+    asked.look({'/plc': {b'2'}}, 1.5)
+    assert asked.known == {'/plc': {'a': 'null'}}
 
 
 def test_ledger_has_the_fingerprint_of_a_commissioning_report(context: Any) -> None:
@@ -254,7 +269,7 @@ def test_ledger_has_the_fingerprint_of_a_commissioning_report(context: Any) -> N
     values = [node.get_parameter(name).get_parameter_value() for name in names]
     asked = AskedParameters(Foreign(*values, names=names))
     for now in (0.0, 0.5):
-        asked.look([MUX], now)
+        asked.look({MUX: set()}, now)
     expected = {MUX: node.values}
     node.destroy_node()
     facts = Facts()
@@ -396,6 +411,17 @@ def test_file_is_read_back_by_the_readers_of_mcap(
         'parameters of /drive': {'axes': '1'},
         'recording': {'reason': 'stop_trip'},
     }
+
+
+def test_recording_of_a_computer_whose_clock_is_late_is_not_the_first_to_go(
+    tmp_path: Path, make_bench: Callable[[Path], Bench]
+) -> None:
+    for second in range(11):  # one more than there may be
+        (tmp_path / file_name(4e9 + second, 'stop')).write_bytes(b'x')
+    make_bench(tmp_path).record()
+    wait_for(lambda: [*tmp_path.glob('*_stop_trip.mcap')], what='the recording')
+    wait_for(lambda: len([*tmp_path.iterdir()]) == 10, what='room')
+    assert [*tmp_path.glob('*_stop_trip.mcap')]
 
 
 def test_what_was_heard_is_on_the_disk_before_the_recording_ends(

@@ -14,6 +14,7 @@ import os
 
 import pytest
 
+from bridge_core import clock
 from rugged_teleop.status_page import server
 from stage.page_rig import ACTIVE, FORT, LEDGER, Machine, MUX, STOPPED, TOKEN, UNIT, WORN
 from stage.rig import ROOT
@@ -172,6 +173,12 @@ def test_lost_connection_says_so_and_comes_back(browser: Browser, machine: Machi
 def test_page_that_hangs_is_as_good_as_lost(browser: Browser, machine: Machine) -> None:
     machine.hangs = True
     browser.says('#lost', 'Connection lost')
+    machine.hangs = False
+    browser.wait(IS_LIVE, 'a connection')
+    machine.hangs = True
+    machine.server.publish({**machine.say(clock.now() - 600.0), 'recordings': []})
+    browser.load(machine.address)  # who comes now is told at once how old it is
+    browser.says('#lost', 'is 60')
     machine.hangs = False
     browser.wait(IS_LIVE, 'a connection')
 

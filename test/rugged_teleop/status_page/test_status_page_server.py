@@ -279,6 +279,7 @@ def test_new_browser_gets_the_last_minute_first(machine: Machine) -> None:
     assert start['control'] is False
     moments = [at for at, _ in start['history']]
     assert moments == sorted(moments)
+    assert moments[-1] <= start['now'] <= clock.now()
     assert f'axis|{FORT}|0' in start['history'][-1][1]
 
 
