@@ -49,7 +49,8 @@ def links(machine: Machine, *, moves: bool) -> Iterator[Step]:
         for name in names_of(values, 'estop_sources')
         if values[f'estop.{name}.proof'] == 'required'
     ]
-    if not limits or (moves and not machine.operators):
+    drives = [each for each in machine.bridges if each.device and each.device.drive]
+    if not (limits and drives) or (moves and not machine.operators):  # the way ends at a drive
         return
     phases: tuple[Phase, ...] = (get_ready(machine),)
     let_go: tuple[Act, ...] = ()

@@ -66,6 +66,14 @@ def test_every_kind_of_step_is_played_by_a_simulated_machine() -> None:
     assert not [each for each in missing if not any(re.fullmatch(r, each) for r in NOT_PLAYED)]
 
 
+def test_no_step_waits_for_what_a_machine_has_not() -> None:
+    servos, remote = (read_machine(file)[0] for file in (ACTUATORS_FILE, FEATURES_FILE))
+    assert not [each.name for each in steps_of(servos) if each.name in ('link.age', 'motion.link')]
+    (hear,) = (each for each in steps_of(remote) if each.name == 'stop.actuators')
+    said = [each.expected for each in hear.phases[2:]]
+    assert said == ['/esi_drive_bridge to say that it is told to stop']  # its SSC has no servo
+
+
 @pytest.mark.proof  # each takes minutes
 @pytest.mark.parametrize('file', PLAYED, ids=lambda file: file.stem)
 def test_whole_trial_of_a_sound_machine_passes(file: Path, tmp_path: Path) -> None:
