@@ -226,7 +226,7 @@ SCENES: dict[str, dict[str, Any]] = {
 COUNTS: dict[str, tuple[int, int]] = {
     'unit': (13172, 183200),
     'neighbours': (4401, 33549),
-    'mux': (3706, 29552),
-    'commands': (7203, 63710),
+    'mux': (18051, 143541),
+    'commands': (29935, 264974),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)

@@ -175,11 +175,11 @@ def test_gated_joy_is_neutral_after_an_activation_with_other_parameters(
     mux.joy = None
     said: list[Any] = []
 
-    def neutral(_: GatedJoy, joy: Joy) -> Joy:
+    def passed(_: GatedJoy, joy: Joy) -> Joy:
         said.append(joy)
         return Joy()
 
-    monkeypatch.setattr(GatedJoy, '_neutral', neutral)
+    monkeypatch.setattr(GatedJoy, '_passed', passed)
     for parameters in ({}, {'hold_time': 0.6}):
         assert mux.change(**parameters)
         said.clear()

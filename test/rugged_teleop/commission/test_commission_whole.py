@@ -67,11 +67,8 @@ def test_every_kind_of_step_is_played_by_a_simulated_machine() -> None:
 
 
 def test_no_step_waits_for_what_a_machine_has_not() -> None:
-    servos, remote = (read_machine(file)[0] for file in (ACTUATORS_FILE, FEATURES_FILE))
-    assert not [each.name for each in steps_of(servos) if each.name in ('link.age', 'motion.link')]
-    (hear,) = (each for each in steps_of(remote) if each.name == 'stop.actuators')
-    said = [each.expected for each in hear.phases[2:]]
-    assert said == ['/esi_drive_bridge to say that it is told to stop']  # its SSC has no servo
+    names = {step.name for step in steps_of(read_machine(ACTUATORS_FILE)[0])}  # without a drive
+    assert not names & {'link.age', 'motion.link'}
 
 
 @pytest.mark.proof  # each takes minutes
