@@ -135,6 +135,21 @@ def within(text: str, low: float, high: float) -> float:
     return value
 
 
+def whole(low: float, high: float) -> Callable[[str], int]:
+    """Return what reads a number within these, without its fraction."""
+    return lambda text: int(within(text, low, high))
+
+
+def setter(name: str, read: Callable[[str], Any]) -> Callable[[Any, str], None]:
+    """Return what sets an attribute, such as motion.soe, to what ``read`` makes of a word."""
+    place, _, last = name.rpartition('.')
+
+    def act(simulator: Any, word: str) -> None:
+        setattr(getattr(simulator, place) if place else simulator, last, read(word))
+
+    return act
+
+
 def switch(text: str) -> bool:
     """Return true for ``on`` or ``1``, false for ``off`` or ``0``. :raises ValueError: else."""
     switches = {'on': True, '1': True, 'off': False, '0': False}

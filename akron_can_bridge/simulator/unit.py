@@ -31,7 +31,7 @@ from akron_can_bridge.simulator.frames import (
 )
 from akron_can_bridge.simulator.motion import Motion
 from bridge_core.j1939 import CanFrame
-from bridge_core.simulation import Commands, obey, one_of, switch, within
+from bridge_core.simulation import Commands, obey, one_of, setter, switch, whole, within
 
 BOOT_TIME = 0.5
 STATUS_PERIOD = 0.1
@@ -54,20 +54,6 @@ def _switch_axes(device_type: int) -> dict[int, tuple[int, int]]:
     if device_type == 1032:
         axes |= {5: (3, 1), 6: (3, -1)}  # flow high, low
     return axes
-
-
-def _setter(name: str, read: Callable[[str], Any]) -> Callable[[Any, str], None]:
-    """Return what sets an attribute, such as motion.soe, to what ``read`` makes of a word."""
-    place, _, last = name.rpartition('.')
-
-    def act(unit: Any, word: str) -> None:
-        setattr(getattr(unit, place) if place else unit, last, read(word))
-
-    return act
-
-
-def _up_to(most: int) -> Callable[[str], int]:
-    return lambda word: int(within(word, 0, most))
 
 
 class Simulator:
@@ -400,13 +386,13 @@ class Simulator:
 
     # Words: usage, and what obeys.
     commands: Commands = {
-        'enable': ('on|off', _setter('motion.enabled', switch)),
-        'soe': ('on|off', _setter('motion.soe', switch)),
-        'setup': ('on|off', _setter('motion.setup', switch)),
-        'pointaim': ('on|off', _setter('motion.point_aim', switch)),
-        'oscillate': ('on|off', _setter('motion.oscillating', switch)),
-        'pause': ('on|off', _setter('motion.paused', switch)),
-        'pausetold': ('on|off', _setter('motion.tells_pause', switch)),
+        'enable': ('on|off', setter('motion.enabled', switch)),
+        'soe': ('on|off', setter('motion.soe', switch)),
+        'setup': ('on|off', setter('motion.setup', switch)),
+        'pointaim': ('on|off', setter('motion.point_aim', switch)),
+        'oscillate': ('on|off', setter('motion.oscillating', switch)),
+        'pause': ('on|off', setter('motion.paused', switch)),
+        'pausetold': ('on|off', setter('motion.tells_pause', switch)),
         'stow': ('', lambda unit: unit.motion.go(stow=True)),
         'deploy': ('', lambda unit: unit.motion.go(stow=False)),
         'position': ('AXIS DEGREES', _set_position),
@@ -416,14 +402,14 @@ class Simulator:
         'limit': ('left|right|down|up DEGREES', _set_soft_limit),
         'physical': ('AXIS -1..1', _set_physical),
         'fault': ('NAME on|off', _set_fault),
-        'pcode': ('0..65535', _setter('pcode', _up_to(0xFFFF))),
+        'pcode': ('0..65535', setter('pcode', whole(0, 0xFFFF))),
         'sensor': ('rotation|elevation ok|error|unavailable', _set_sensor),
-        'calibrated': ('on|off', _setter('calibrated', switch)),
+        'calibrated': ('on|off', setter('calibrated', switch)),
         'output': ('NAME on|off', _set_output),
         'input': ('stow|deploy|allowed on|off', _set_input),
-        'voltage': ('0..1023', _setter('voltage', _up_to(1023))),
+        'voltage': ('0..1023', setter('voltage', whole(0, 1023))),
         'address': ('80..F7', _set_address),
-        'mute': ('on|off', _setter('muted', switch)),
+        'mute': ('on|off', setter('muted', switch)),
         'power': ('on|off', _set_power),
         'reboot': ('', restart),
     }

@@ -15,7 +15,7 @@ import math
 import struct
 from typing import Any, ClassVar
 
-from bridge_core.simulation import obey, one_of, switch, within
+from bridge_core.simulation import obey, one_of, setter, switch, within
 from fort_vsc_bridge.protocol.values import (
     AXIS_NAMES,
     BUTTON_NAMES,
@@ -345,11 +345,6 @@ class Vsc:
         self.values[number] = int(within(value, -32768, 32767))
         self._answer(number)
 
-    @staticmethod
-    def _sets(field: str, read: Callable[[str], Any]) -> Callable[[Vsc, str], None]:
-        """Return what sets a field to what is read."""
-        return lambda vsc, text: setattr(vsc, field, read(text))
-
     # Words: usage, and what obeys.
     commands: dict[str, tuple[str, Callable[..., None]]] = {
         'stick': ('AXIS -1..1', _set_stick),
@@ -360,12 +355,12 @@ class Vsc:
         'lost': ('stop|silent', _set_lost),
         'watchdog': ('on|off', _set_watchdog),
         'mode': ('remote|operational|menu|pause', _set_mode),
-        'zeros': ('values|all|rest', _sets('zeros', lambda text: one_of(_ZEROS, text))),
-        'transition': ('SECONDS', _sets('transition', lambda text: within(text, 0.0, 60.0))),
-        'radio': ('on|off', _sets('radio', switch)),
-        'battery': ('0..100', _sets('battery_percent', lambda text: round(within(text, 0, 100)))),
-        'charging': ('on|off', _sets('charging', switch)),
-        'strength': ('0..2', _sets('strength', lambda text: round(within(text, 0, 2)))),
+        'zeros': ('values|all|rest', setter('zeros', lambda text: one_of(_ZEROS, text))),
+        'transition': ('SECONDS', setter('transition', lambda text: within(text, 0.0, 60.0))),
+        'radio': ('on|off', setter('radio', switch)),
+        'battery': ('0..100', setter('battery_percent', lambda text: round(within(text, 0, 100)))),
+        'charging': ('on|off', setter('charging', switch)),
+        'strength': ('0..2', setter('strength', lambda text: round(within(text, 0, 2)))),
         'gps': ('LATITUDE|off LONGITUDE|off', _set_gps),
         'value': ('KEY VALUE', _set_value),
         'ack': ('', acknowledge),

@@ -18,7 +18,7 @@ import struct
 from typing import Any
 
 from bridge_core.framing import ChecksumError, FrameFormat, StreamParser
-from bridge_core.simulation import obey, one_of, switch, within
+from bridge_core.simulation import obey, one_of, setter, switch, within
 from ssc_bridge.simulator.auxiliary import Auxiliary
 from ssc_bridge.simulator.memory import build_frame, Memory, Settings, sums
 from ssc_bridge.simulator.menus import Menu, Menus, Terminal
@@ -50,11 +50,6 @@ def _source_text(byte: int) -> str:
     if source > 1:
         return _SOURCES[source] if source < len(_SOURCES) else 'unknown'
     return f'{_SOURCES[source]} {(byte >> 4) + 1}'
-
-
-def _switch(name: str) -> Callable[[Any, str], None]:
-    """Return what sets an attribute by on or off."""
-    return lambda simulator, value: setattr(simulator, name, switch(value))
 
 
 class Simulator:
@@ -366,13 +361,13 @@ class Simulator:
     # Words: usage, and what obeys.
     commands: dict[str, tuple[str, Callable[..., None]]] = {
         'channel': ('1..16 US|off', _set_channel),
-        'receiver': ('on|off', _switch('receiver')),
-        'link': ('on|off', _switch('link')),
+        'receiver': ('on|off', setter('receiver', switch)),
+        'link': ('on|off', setter('link', switch)),
         'pin': ('AUX on|off', _set_pin),
         'signal': ('AUX HIGH_US LOW_US', _set_signal),
         'pulses': ('AUX COUNT', _add_pulses),
-        'mute': ('on|off', _switch('mute')),
-        'keep': ('on|off', _switch('keeps')),
+        'mute': ('on|off', setter('mute', switch)),
+        'keep': ('on|off', setter('keeps', switch)),
         'alone': ('OUTPUT US|stays', _set_alone),
         'memory': ('erased|worn|sound', _set_memory),
         'reboot': ('', reboot),

@@ -12,7 +12,7 @@ import math
 import struct
 from typing import Any
 
-from bridge_core.simulation import obey, one_of, switch, within
+from bridge_core.simulation import obey, one_of, setter, switch, whole, within
 from vm110_bridge.protocol import BuState, LinkStatus
 from vm110_bridge.simulator.packets import build_packet, crc32
 from vm110_bridge.simulator.remote import Remote
@@ -32,11 +32,6 @@ LOST: dict[str, BuState | None] = {
     **{state.name.lower(): state for state in BuState if state <= BuState.DISARMED},
     'silent': None,
 }
-
-
-def _whole(low: float, high: float) -> Callable[[str], int]:
-    """Return what reads a number within these."""
-    return lambda text: int(within(text, low, high))
 
 
 @dataclass(slots=True)
@@ -378,11 +373,6 @@ class Simulator:
         )
 
     @staticmethod
-    def _sets(field: str, read: Callable[[str], Any]) -> Callable[[Simulator, str], None]:
-        """Return what sets a field to what is read."""
-        return lambda unit, text: setattr(unit, field, read(text))
-
-    @staticmethod
     def _sets_remote(field: str, read: Callable[[str], Any]) -> Callable[..., None]:
         """Return what sets a field of a remote."""
         return lambda unit, name, text: setattr(unit._remote(name), field, read(text))
@@ -394,17 +384,17 @@ class Simulator:
         'stick': ('RU 1..4 -1..1', _set_stick),
         'switch': ('RU 1..8 -1..1000', _set_switch),
         'encoder': ('RU STEPS', _turn_encoder),
-        'battery': ('RU 0..100', _sets_remote('battery', _whole(0, 100))),
-        'rssi': ('RU 0..100', _sets_remote('rssi', _whole(0, 100))),
-        'vlaps': ('0..3', _sets('vlaps', _whole(0, 3))),
+        'battery': ('RU 0..100', _sets_remote('battery', whole(0, 100))),
+        'rssi': ('RU 0..100', _sets_remote('rssi', whole(0, 100))),
+        'vlaps': ('0..3', setter('vlaps', whole(0, 3))),
         'lost': ('STATE', _set_lost),
         'timeout': ('SECONDS', _set_timeout),
-        'glink': ('on|off', _sets('g_link', switch)),
-        'eclink': ('0..5', _sets('ec_link', _whole(0, 5))),
+        'glink': ('on|off', setter('g_link', switch)),
+        'eclink': ('0..5', setter('ec_link', whole(0, 5))),
         'command': ('HEX', _send_command),
-        'answers': ('on|off', _sets('answers', switch)),
-        'lose': ('PACKETS', _sets('lose', _whole(0, 1e6))),
-        'double': ('PACKETS', _sets('double', _whole(0, 1e6))),
+        'answers': ('on|off', setter('answers', switch)),
+        'lose': ('PACKETS', setter('lose', whole(0, 1e6))),
+        'double': ('PACKETS', setter('double', whole(0, 1e6))),
         'swap': ('', lambda unit: setattr(unit, 'swap', True)),
         'shock': ('RU', _shock),
         'fail': ('', lambda unit: setattr(unit, 'failed', True)),
