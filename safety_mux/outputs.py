@@ -168,8 +168,8 @@ class GatedJoy:
     def holds(self, index: int) -> bool:
         """Tell whether he who has control holds a button, pressed since he has."""
         buttons = () if self._heard is None else self._heard.buttons
-        held = {i for i, value in enumerate(buttons) if value >= self._pressed_at}
-        return self._is_open and index in self._released & held
+        pressed = any(value >= self._pressed_at for value in buttons[index : index + 1])
+        return pressed and self._is_open and index in self._released
 
     def say(self, now: float) -> None:
         """Publish what was heard since the last time, or what is due while the gate is closed."""
