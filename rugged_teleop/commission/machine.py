@@ -63,6 +63,11 @@ class Machine:
         self.bridges = [node for node in nodes if node.device is not None]
         self.values = self.mux.values
 
+    @property
+    def drives(self) -> list[Node]:
+        """The nodes of drives."""
+        return [node for node in self.bridges if node.device and node.device.drive]
+
     def owner_of(self, topic: str) -> Node | None:
         """Return the bridge that publishes a topic of the mux's."""
         full = self.mux.topic(topic)

@@ -174,9 +174,7 @@ _FEW = 0.05  # turns; less is said of a joint that nobody measures
 
 
 def _joints(machine: Machine) -> Iterator[Step]:
-    for node in machine.bridges:
-        if node.device is None or not node.device.drive:
-            continue
+    for node in machine.drives:
         joints = list(node.values['joint_names'])
         modes = list(node.values['mode']) * (len(joints) if len(node.values['mode']) == 1 else 1)
         for joint, mode in zip(joints, modes, strict=True):

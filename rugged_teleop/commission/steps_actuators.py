@@ -79,8 +79,8 @@ def actuators(machine: Machine) -> Iterator[Step]:
         for number, joint in enumerate(node.joints):
             yield _reach(machine, node, number, joint)
     for operator in machine.operators[:1]:
-        for node in machine.bridges:
-            if node.device and node.device.drive and machine.source_at(node):
+        for node in machine.drives:
+            if machine.source_at(node):
                 yield from _of_drive(machine, operator, node)
     for operator in machine.operators:
         yield from _of_remote(machine, operator)

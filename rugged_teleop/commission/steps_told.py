@@ -42,15 +42,14 @@ def what_it_says(stop: Stop) -> Iterator[Phase]:
 
 
 def links(machine: Machine, *, moves: bool) -> Iterator[Step]:
-    """Yield the step that watches how old is what is proven, and what is lost."""
+    """Yield the step that watches how old is what is proven on the way to a drive, and lost."""
     values = machine.values
     limits = [
         float(values[f'estop.{name}.age_limit'])
         for name in names_of(values, 'estop_sources')
         if values[f'estop.{name}.proof'] == 'required'
     ]
-    drives = [each for each in machine.bridges if each.device and each.device.drive]
-    if not (limits and drives) or (moves and not machine.operators):  # the way ends at a drive
+    if not (limits and machine.drives) or (moves and not machine.operators):
         return
     phases: tuple[Phase, ...] = (get_ready(machine),)
     let_go: tuple[Act, ...] = ()
