@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
@@ -18,7 +19,7 @@ from std_msgs.msg import Bool
 from bridge_core import clock
 from bridge_core.managed_node import latched_qos
 from rugged_teleop.asker import Visitor
-from rugged_teleop.bench.course import Facts, Order
+from rugged_teleop.bench.course import Course, Facts, Order, Phase
 from rugged_teleop.bench.targets import TARGETS
 
 _KINDS = {'axes': Joy}  # by the field of the command; of all others JointState
@@ -169,3 +170,16 @@ class Commander(Visitor):
         for publisher in self._publishers:
             publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGE_LIMIT))
         super().__exit__()
+
+
+def follow(course: Course, commander: Any, on_step: Callable[[], None]) -> None:
+    """Follow the course to its end. :param on_step: is called before each step."""
+    while course.phase is not Phase.DONE:
+        on_step()
+        now = clock.now()
+        if commander.refusal:
+            course.interrupt(commander.refusal, now)
+        order = course.step(commander.facts(), now)
+        if order is not None and (order.estop or not course.is_held_up(clock.now())):
+            commander.publish(order)
+        commander.spin()

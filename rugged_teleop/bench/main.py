@@ -17,12 +17,11 @@ interrupted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import contextlib
 import os
 import signal
 import sys
-from typing import Any
 
 from bridge_core import clock
 from bridge_core.options import number_within
@@ -72,7 +71,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     """Run a trial; the command's entry point."""
     options = parser(prog).parse_args(arguments)
     require(prog, 'rclpy')
-    from rugged_teleop.bench.commander import Commander  # lazily: the help needs no ROS
+    from rugged_teleop.bench.commander import Commander, follow  # lazily: the help needs no ROS
 
     ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -101,19 +100,6 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     found = peak if target.trial.is_measured else summary
     end = course.end or 'told to rest; whether it stands is not measured'
     print(f'{end}; {found}', flush=True)
-
-
-def follow(course: Course, commander: Any, on_step: Callable[[], None]) -> None:
-    """Follow the course to its end. :param on_step: is called before each step."""
-    while course.phase is not Phase.DONE:
-        on_step()
-        now = clock.now()
-        if commander.refusal:
-            course.interrupt(commander.refusal, now)
-        order = course.step(commander.facts(), now)
-        if order is not None and (order.estop or not course.is_held_up(clock.now())):
-            commander.publish(order)
-        commander.spin()
 
 
 def _say(text: str) -> None:

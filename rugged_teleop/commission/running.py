@@ -29,9 +29,8 @@ from bridge_core.parameters import names_of
 from bridge_core.proof import Proof, ProofError
 from bridge_core.proof_topics import PROOF_QOS
 from rugged_teleop.asker import Visitor
-from rugged_teleop.bench.commander import Commander
+from rugged_teleop.bench.commander import Commander, follow
 from rugged_teleop.bench.course import Course, Phase
-from rugged_teleop.bench.main import follow
 from rugged_teleop.commission.engine import Benched
 from rugged_teleop.commission.folder import new_piece
 from rugged_teleop.commission.history import History

@@ -25,9 +25,9 @@ from std_msgs.msg import Bool, UInt16MultiArray
 from bridge_core import clock
 from esi_drive_bridge.simulator import Simulator
 from rugged_teleop.bench import course
-from rugged_teleop.bench.commander import Commander
+from rugged_teleop.bench.commander import Commander, follow
 from rugged_teleop.bench.course import Course, Facts, Order, Phase
-from rugged_teleop.bench.main import follow, main
+from rugged_teleop.bench.main import main
 from rugged_teleop.bench.targets import TARGETS
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Simulator as Ssc
