@@ -21,7 +21,8 @@ _OVERLAP = 1.0  # s of bytes before the wanted ones, for the value that they cha
 class History:
     """
     Values by channel: 'state', 'status' (its fields), 'enabled', 'command' and 'joints' (by name),
-    'estop NAME', 'joy NAME' (axes, buttons), 'raw' (of ~/raw).
+    'estop NAME', 'joy NAME' (axes, buttons), 'raw' (of ~/raw). 'enabled': any drive is, and
+    'enabled NODE' this one; where the mux hears no drive, that the mux does not hold it at rest.
 
     :param epoch: seconds since 1970 at which the clock was 0, for the labels of ~/raw.
     """

@@ -228,12 +228,11 @@ def moving(operator: str, standstill: float) -> Look:
         owns = heard.last('state') == 'ACTIVE' and status.get('owner') == operator
         since = now - _MOVES
         speeds = [_fastest(joints) for _, joints in heard.since('joints', since)]
-        if not speeds:
-            speeds = [_fastest(joints) for _, joints in heard.since('command', since)]
-        long = speeds and now - marks['since'] > _MOVES
-        if owns and long and min(speeds) > standstill:
-            return Seen(True, f'it moves, at {speeds[-1]:.2f} rad/s')
-        return None
+        told = [any(each.values()) for _, each in heard.since('command', since)]
+        moves = min(speeds) > standstill if speeds else told and all(told)
+        if not owns or not moves or now - marks['since'] <= _MOVES:
+            return None
+        return Seen(True, f'it moves, at {speeds[-1]:.2f} rad/s' if speeds else 'it is told to')
 
     return look
 
@@ -342,8 +341,10 @@ def disabled(
             return None
         if state and heard.first('state', since, lambda each: each == state) is None:
             return None
-        packet = heard.on_wire('sent', since, False)
-        ended = min(packet, off) if packet else off
+        # Of several drives the last one counts.
+        packets = [heard.on_wire('sent', since, False, each) for each in heard.channels('enabled')]
+        packet = max((each or off for each in packets), default=off)
+        ended = min(packet, off)
         began, of_what = since, 'what was done'
         if cause.startswith('estop '):
             said = heard.first(cause, since, bool)
@@ -363,7 +364,7 @@ def disabled(
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
         if ended < began:
             return _too_early(heard, 'the drive was disabled', ended, began, of_what)
-        to_what = 'the first disable packet' if packet else 'the drive that says it is disabled'
+        to_what = 'the first disable packet' if any(packets) else 'disabled'
         took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})
 

@@ -303,8 +303,8 @@ def replaced(node: str, bound: float) -> Look:
     """A drive's wire was killed; the next one disables the drive."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        packet = heard.on_wire('sent', marks['since'], False)
-        off = heard.first('enabled', marks['since'], lambda value: not value)
+        packet = heard.on_wire('sent', marks['since'], False, node)
+        off = heard.first(f'enabled {node}', marks['since'], lambda value: not value)
         if off is None or now < off + _BATCH:
             return None
         ended = packet or off

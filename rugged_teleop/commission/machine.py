@@ -12,6 +12,7 @@ from typing import Any
 
 from bridge_core.device import Device, Hands, Trial
 from bridge_core.parameters import full_topic, names_of
+from safety_mux.parameters import enabled_topic, telling_drives
 
 STOP_LIMITS = {'commissioning.stop_time': 's', 'commissioning.stop_angle': 'rad'}
 
@@ -67,6 +68,12 @@ class Machine:
     def drives(self) -> list[Node]:
         """The nodes of drives."""
         return [node for node in self.bridges if node.device and node.device.drive]
+
+    @property
+    def enabled_topics(self) -> list[str]:
+        """Where drives say that they are enabled, by their full names."""
+        drives = telling_drives(self.values)
+        return [self.mux.topic(self.values[enabled_topic(each)]) for each in drives]
 
     def owner_of(self, topic: str) -> Node | None:
         """Return the bridge that publishes a topic of the mux's."""

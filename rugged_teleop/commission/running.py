@@ -5,16 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import contextlib
 from functools import partial
 import json
-from operator import attrgetter
 from pathlib import Path
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
@@ -53,7 +53,21 @@ _ONE_CLOCK = 0.5  # s; a message that is older was kept, or sent by another cloc
 _QUIET = 0.3  # s, in which what was said before has come
 _FRESH = 2.5  # s, of diagnostics that come each second
 _PLACES = {each.__name__: each for each in (JointState, UInt16MultiArray)}
+_COMMANDS: dict[str, tuple[str, Any, Callable[[Mapping[str, Any], Any], dict[str, float]]]] = {
+    'joints': (
+        'command',
+        JointState,
+        lambda values, m: dict(zip(m.name, getattr(m, values['interface']), strict=False)),
+    ),
+    'twist': ('cmd_vel', Twist, lambda _, m: _of_twist(m)),
+    'twist_stamped': ('cmd_vel', TwistStamped, lambda _, m: _of_twist(m.twist)),
+}
 _KEPT, _KEPT_SIZE = 120.0, 50_000_000  # s and bytes of what was heard, for the recordings
+
+
+def _of_twist(twist: Twist) -> dict[str, float]:
+    linear = twist.linear
+    return {'linear': linear.x, 'lateral': linear.y, 'angular': twist.angular.z}
 
 
 class Running(Visitor):
@@ -79,20 +93,17 @@ class Running(Visitor):
         values, mux = machine.values, machine.mux
         self._bool = self._subscriber(Bool, lambda message: message.data)
         joy = self._subscriber(Joy, lambda message: ([*message.axes], [*message.buttons]))
-        text = self._subscriber(String, lambda message: message.data)
-        text('state', f'{mux.full}/state', latched_qos())
+        self._hear(String, f'{mux.full}/state', latched_qos(), self._on_state)
         self._subscriber(
             DiagnosticStatus, lambda message: {each.key: each.value for each in message.values}
         )('status', f'{mux.full}/status', latched_qos())
-        if values['output'] == 'joints':
-            demand = attrgetter(values['interface'])
-            self._subscriber(JointState, lambda m: dict(zip(m.name, demand(m), strict=False)))(
-                'command', f'{mux.full}/command', 10
-            )
+        name, kind, read = _COMMANDS[values['output']]
+        self._subscriber(kind, partial(read, values))('command', f'{mux.full}/{name}', 10)
         if values['feedback.topic']:
             self._hear(JointState, mux.topic(values['feedback.topic']), 10, self._on_joints)
-        if values['drive_enabled_topic']:
-            self._bool('enabled', mux.topic(values['drive_enabled_topic']), latched_qos())
+        self._enabled: dict[str, bool] = {}
+        for topic in machine.enabled_topics:
+            self._hear(Bool, topic, latched_qos(), partial(self._on_enabled, topic))
         for name in names_of(values, 'estop_sources'):
             qos = latched_qos()
             qos.depth = 100
@@ -120,6 +131,18 @@ class Running(Visitor):
             self._hear(kind, topic, qos, add)
 
         return subscribe
+
+    def _on_state(self, message: Any) -> None:
+        self.history.add('state', self._at, message.data)
+        if not self._machine.enabled_topics:
+            self.history.add('enabled', self._at, message.data not in ('STOPPED', 'READY'))
+
+    def _on_enabled(self, topic: str, message: Any) -> None:
+        self._enabled[topic] = message.data
+        owner = self._machine.owner_of(topic)
+        if owner:
+            self.history.add(f'enabled {owner.full}', self._at, message.data)
+        self.history.add('enabled', self._at, any(self._enabled.values()))
 
     def _on_joints(self, message: Any) -> None:
         for channel, values in (('joints', message.velocity), ('positions', message.position)):

@@ -68,7 +68,7 @@ def reset_button(machine: Machine) -> Iterator[Step]:
 
 def features(machine: Machine) -> Iterator[Step]:
     """Yield those in which it moves."""
-    for operator in machine.operators if machine.values['output'] == 'joints' else ():
+    for operator in machine.operators:
         yield from _levels(machine, operator)
         for place, button in enumerate(machine.spread(operator, 'axis_buttons')):
             if button >= 0:
