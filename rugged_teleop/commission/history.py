@@ -21,8 +21,9 @@ _OVERLAP = 1.0  # s of bytes before the wanted ones, for the value that they cha
 class History:
     """
     Values by channel: 'state', 'status' (its fields), 'enabled', 'command' and 'joints' (by name),
-    'estop NAME', 'joy NAME' (axes, buttons), 'raw' (of ~/raw). 'enabled': any drive is, and
-    'enabled NODE' this one; where the mux hears no drive, that the mux does not hold it at rest.
+    'estop NAME', 'joy NAME' (axes, buttons), 'raw' (of ~/raw). 'joints' are of the mux's feedback,
+    or of each drive's where it has none. 'enabled': any drive is, and 'enabled NODE' this one;
+    where the mux hears no drive, that the mux does not hold it at rest.
 
     :param epoch: seconds since 1970 at which the clock was 0, for the labels of ~/raw.
     """
@@ -70,18 +71,14 @@ class History:
         """Return when the first wanted value came since then."""
         return next((when for when, value in self.since(channel, at) if wanted(value)), None)
 
-    def on_wire(self, way: str, at: float, wanted: bool, node: str = '') -> float | None:
-        """
-        Return when a wire first changed to this since then; see ``wire_changes``.
-
-        :param node: whose wire; empty: any.
-        """
+    def on_wire(self, way: str, at: float, wanted: bool) -> dict[str, float]:
+        """Return, by node, when a wire first changed to this since then; see ``wire_changes``."""
         said: list[Said] = [each for _, each in self.since('raw', at - _OVERLAP)]
-        for moment, whose, value, is_first in wire_changes(said, way):
-            is_it = value is wanted and not is_first and node in ('', whose)
-            if is_it and moment - self.epoch >= at:
-                return moment - self.epoch
-        return None
+        firsts: dict[str, float] = {}
+        for moment, node, value, is_first in wire_changes(said, way):
+            if value is wanted and not is_first and moment - self.epoch >= at:
+                firsts.setdefault(node, moment - self.epoch)
+        return firsts
 
     def last_frame(self, node: str, at: float) -> float | None:
         """Return when a device was heard last up to then, by its bytes."""

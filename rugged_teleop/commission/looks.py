@@ -81,7 +81,7 @@ def _too_early(heard: History, what: str, ended: float, began: float, of_what: s
 
 def began_at(heard: History, since: float, said: float, node: str) -> tuple[float, str]:
     """Return when the stop came from the device, or it was heard last, if ~/raw is there."""
-    frame = heard.on_wire('received', since, True, node) if node else None
+    frame = heard.on_wire('received', since, True).get(node)
     if frame is not None and frame <= said:
         return frame, "the device's frame"
     last = heard.last_frame(node, said)
@@ -227,7 +227,8 @@ def moving(operator: str, standstill: float) -> Look:
         status = heard.last('status', {})
         owns = heard.last('state') == 'ACTIVE' and status.get('owner') == operator
         since = now - _MOVES
-        speeds = [_fastest(joints) for _, joints in heard.since('joints', since)]
+        joints = [each for _, each in heard.since('joints', since)]
+        speeds = [_fastest(each) for each in joints if any(map(math.isfinite, each.values()))]
         told = [any(each.values()) for _, each in heard.since('command', since)]
         moves = min(speeds) > standstill if speeds else told and all(told)
         if not owns or not moves or now - marks['since'] <= _MOVES:
@@ -341,9 +342,9 @@ def disabled(
             return None
         if state and heard.first('state', since, lambda each: each == state) is None:
             return None
-        # Of several drives the last one counts.
-        packets = [heard.on_wire('sent', since, False, each) for each in heard.channels('enabled')]
-        packet = max((each or off for each in packets), default=off)
+        sent = heard.on_wire('sent', since, False)
+        drives = [each for each in heard.channels('enabled') if each] or [*sent]
+        packet = max((sent.get(each, off) for each in drives), default=off)
         ended = min(packet, off)
         began, of_what = since, 'what was done'
         if cause.startswith('estop '):
@@ -364,7 +365,7 @@ def disabled(
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
         if ended < began:
             return _too_early(heard, 'the drive was disabled', ended, began, of_what)
-        to_what = 'the first disable packet' if any(packets) else 'disabled'
+        to_what = 'the first disable packet' if packet < off else 'disabled'
         took = Measured(f'from {of_what} to {to_what}', ended - began, limit=bound)
         return Seen(True, 'disabled', (took,), {'began': began, 'disabled': ended})
 
@@ -436,7 +437,7 @@ def _areas(name: str, samples: Sequence[tuple[float, dict[str, float]]]) -> Iter
 def turned(heard: History, joint: str, since: float) -> float:
     """Return how far a joint turned since then, by its feedback, forward positive; rad."""
     samples: list[tuple[float, float]] = [
-        (at, each.get(joint, 0.0)) for at, each in heard.since('joints', since)
+        (at, each[joint]) for at, each in heard.since('joints', since) if joint in each
     ]
     return sum((b - a) * (v + w) / 2.0 for (a, v), (b, w) in itertools.pairwise(samples))
 

@@ -303,7 +303,7 @@ def replaced(node: str, bound: float) -> Look:
     """A drive's wire was killed; the next one disables the drive."""
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        packet = heard.on_wire('sent', marks['since'], False, node)
+        packet = heard.on_wire('sent', marks['since'], False).get(node)
         off = heard.first(f'enabled {node}', marks['since'], lambda value: not value)
         if off is None or now < off + _BATCH:
             return None

@@ -99,8 +99,10 @@ class Running(Visitor):
         )('status', f'{mux.full}/status', latched_qos())
         name, kind, read = _COMMANDS[values['output']]
         self._subscriber(kind, partial(read, values))('command', f'{mux.full}/{name}', 10)
-        if values['feedback.topic']:
-            self._hear(JointState, mux.topic(values['feedback.topic']), 10, self._on_joints)
+        feedback = values['feedback.topic']
+        own = [f'{each.full}/joint_states' for each in machine.drives]
+        for topic in [mux.topic(feedback)] if feedback else own:
+            self._hear(JointState, topic, 10, self._on_joints)
         self._enabled: dict[str, bool] = {}
         for topic in machine.enabled_topics:
             self._hear(Bool, topic, latched_qos(), partial(self._on_enabled, topic))

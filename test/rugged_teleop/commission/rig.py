@@ -36,8 +36,8 @@ from stage.run_delay import HELD_UP, RunDelay
 
 DRIVE = '/esi_drive_bridge'
 FILE = Path(__file__).with_name('machine.yaml')
-VM110_FILE, ACTUATORS_FILE, FEATURES_FILE = (
-    FILE.with_name(f'machine_{name}.yaml') for name in ('vm110', 'actuators', 'features')
+VM110_FILE, ACTUATORS_FILE, FEATURES_FILE, WHEELS_FILE = (
+    FILE.with_name(f'machine_{name}.yaml') for name in ('vm110', 'actuators', 'features', 'wheels')
 )
 PATIENCE = TIMEOUT_FACTOR
 _AT_ONCE, _TURN_LIMIT = 2, 180.0
@@ -231,8 +231,8 @@ def trial(folder: Path, file: Path = FILE, relayed: str = '') -> Iterator[Trial]
             if relayed and name == f'/{relayed}':
                 patient += tuple(remapped(relayed))
             simulated.commands[name] = replace(process, command=patient)
-        if DRIVE in simulated.ports:
-            simulated.ports[DRIVE].apply('timeout 0.7', 'rate 50')
+        for drive in machine.drives:
+            simulated.ports[drive.full].apply('timeout 0.7', 'rate 50')
         relay = exits.enter_context(Relay(relayed)) if relayed else None
         exits.enter_context(simulated)
         kept = folder / 'kept'

@@ -16,6 +16,7 @@ from std_msgs.msg import MultiArrayDimension, MultiArrayLayout, UInt8MultiArray
 
 from bridge_core.decoding import StreamDecoder
 from bridge_core.device import Hands, Switch
+from esi_drive_bridge.protocol import AxisCommand, Command, Layout
 from rugged_teleop.commission import looks, looks_actuators
 from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
@@ -271,14 +272,17 @@ def _stopped_remote(*, sticks_at: float, frame: bool) -> History:
         ('estop a', 1.4, True),
         ('state', 1.4, 'STOPPED'),
     )
-    for topic, data, at in (
-        ('/a/raw/received', build_packet('VRPI', build_vrpi(), 1, 7), 1.05),
-        ('/a/raw/received', build_packet('VRPI', build_vrpi(ru_state=4 * frame), 2, 7), 1.3),
-    ):
-        layout = MultiArrayLayout(dim=[MultiArrayDimension(label=f'{at}', size=len(data))])
-        message = UInt8MultiArray(layout=layout, data=data)
-        heard.add('raw', at, Said(at, topic, 'std_msgs/msg/UInt8MultiArray', message, at))
+    _add_raw(heard, '/a/raw/received', 1.05, build_packet('VRPI', build_vrpi(), 1, 7))
+    _add_raw(
+        heard, '/a/raw/received', 1.3, build_packet('VRPI', build_vrpi(ru_state=4 * frame), 2, 7)
+    )
     return heard
+
+
+def _add_raw(heard: History, topic: str, at: float, data: bytes) -> None:
+    layout = MultiArrayLayout(dim=[MultiArrayDimension(label=f'{at}', size=len(data))])
+    message = UInt8MultiArray(layout=layout, data=data)
+    heard.add('raw', at, Said(at, topic, 'std_msgs/msg/UInt8MultiArray', message, at))
 
 
 @pytest.mark.parametrize(
@@ -298,6 +302,22 @@ def test_time_counts_from_the_first_that_a_remote_says(
     (measured,) = seen.measured
     assert measured.value == pytest.approx(took)
     assert of_what in measured.name
+
+
+@pytest.mark.parametrize(('drives', 'took'), [(('/a',), 0.1), (('/a', '/b'), 0.25)])
+def test_the_last_of_several_drives_is_when_they_are_disabled(
+    drives: tuple[str, ...], took: float
+) -> None:
+    heard = heard_as(('state', 1.05, 'STOPPED'), ('estop a', 1.0, True))
+    for node, at in zip(drives, (1.1, 1.25), strict=False):
+        heard.add(f'enabled {node}', at + 0.05, False)
+        for when, enable in ((0.9, True), (at, False)):
+            packet = Command((AxisCommand(enable),) * 2).to_bytes(Layout.DUAL)
+            _add_raw(heard, f'{node}/raw/sent', when, packet)
+    heard.add('enabled', 1.4, False)
+    seen = looks.disabled('estop a', '', 0.5)(heard, {'since': 1.0}, 2.0)
+    assert seen is not None
+    assert [each.value for each in seen.measured] == [pytest.approx(took)]
 
 
 def test_stop_that_came_before_its_frame_fails() -> None:
