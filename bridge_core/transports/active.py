@@ -84,11 +84,15 @@ class Active(Generic[FrameT]):
     def exchange(self, readable: bool, now: float) -> None:
         """Receive if there is anything, then poll. :raises TransportError: the port is gone."""
         if readable:
-            for data in self.transport.receive():
-                self._deliver(self.session.receive(data, now), now)
-                self._show(False, [data], now)
+            self.receive(now)
         self._deliver(self.session.poll(now), now)
         self._polled_at = now
+
+    def receive(self, now: float) -> None:
+        """Receive what there is. :raises TransportError: the port is gone."""
+        for data in self.transport.receive():
+            self._deliver(self.session.receive(data, now), now)
+            self._show(False, [data], now)
 
     def discard(self) -> None:
         """Discard what waits: it is old. :raises TransportError: the port is gone."""
