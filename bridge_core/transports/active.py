@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import time
 from typing import Any, Generic
 
 from bridge_core import clock
@@ -109,8 +110,7 @@ class Active(Generic[FrameT]):
             try:
                 # A line busy with earlier frames is no reason to leave the device moving.
                 while not (taken := self.transport.send(frame)) and clock.now() < end:
-                    if ready([self.transport.fileno()], 0.001):
-                        self.transport.receive()  # a half-duplex line waits for the answer
+                    time.sleep(0.001)
             except TransportError as failure:
                 taken, error = False, str(failure)
             if taken:

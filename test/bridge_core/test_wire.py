@@ -848,26 +848,6 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     assert not bench.port.is_open
 
 
-def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
-    bench: WireBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench.run()
-    bench.log()
-    receive = bench.port.receive
-
-    def answered() -> list[bytes]:
-        bench.port.busy = 0
-        return receive()
-
-    monkeypatch.setattr(bench.port, 'receive', answered)
-    bench.port.busy = 10**9
-    bench.port.say(b'answer')
-    bench.deactivate()
-    bench.step()
-    assert bench.log()[:2] == ['sent bye 1', 'sent bye 2']
-    assert bench.wire.left_safe
-
-
 def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
     bench: WireBench,
 ) -> None:
