@@ -26,7 +26,7 @@ from std_msgs.msg import Bool, UInt8MultiArray
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
-from bridge_core.bridge_diagnostics import BridgeDiagnostics
+from bridge_core.bridge_diagnostics import BridgeDiagnostics, Refusals
 from bridge_core.convert import time_message
 from bridge_core.deferred import Deferred
 from bridge_core.input_guard import InputGuard
@@ -86,8 +86,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._diagnostics = BridgeDiagnostics(self, self._inputs)
         self._report: Report | None = None
         self._waiting = Waiting(self)
-        self.refused = 0
-        self.refusal = ''
+        self.refusals = Refusals()
         self._device_publisher: Any = None
         if self.TELLS_DEVICE:
             self._device_publisher = self.create_publisher(
@@ -250,8 +249,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def refuse(self, text: str) -> None:
         """Count and log a request that makes no sense."""
-        self.refused += 1
-        self.refusal = text
+        self.refusals.note(text)
         self.log(Level.WARN, f'refused {text}', site='refused')
 
     def _create_device_service(self, name: str, call: Call) -> None:
@@ -379,8 +377,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             values = {
                 **link.values,
                 'node process': os.getpid(),
-                'refused requests': self.refused,
-                'last refusal': self.refusal or 'none',
+                **self.refusals.values(),
                 'malformed messages': self.lane.malformed,
             }
             if self._raw is not None:

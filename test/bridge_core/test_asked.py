@@ -74,8 +74,8 @@ def test_old_message_asks_nothing_of_the_device(
             received = time.time_ns() - int(seconds * 1e9)
             subscription.callback(message, {'received_timestamp': received})
             assert (False in asked) is is_done
-        assert node.refused == 1
-        assert FROZEN in node.refusal
+        assert node.refusals.count == 1
+        assert FROZEN in node.refusals.values()['last refusal']
 
 
 @pytest.fixture
