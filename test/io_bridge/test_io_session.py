@@ -425,6 +425,7 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
         ({'estop_names': ['a', 'a'], 'estop_lines': [0, 1, 2, 3]}, 'stands there twice'),
         ({'reset_line': 0}, 'reset_line: 0 stands there twice'),
         ({'key_lines': [4, 5]}, 'key_speeds: 3 are needed'),
+        ({'key_lines': [5, -1]}, r'^key_lines = \[5, -1\]: -1 is no key switch'),
         ({'outputs': ['red', 'green']}, 'one is needed for each'),
         ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
         ({'outputs': ['red'], 'transport': 'gpio'}, '^output_lines: 0 stands there twice'),
