@@ -10,8 +10,7 @@ from typing import Any
 
 from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
-from bridge_core.transports.serial import SerialTransport
-from bridge_core.transports.serial_name import check_serial_port, gap_of
+from bridge_core.transports.serial_name import gap_of, make_serial_port
 from io_bridge.ports import GpioTransport
 from io_bridge.session import Session, Settings
 
@@ -39,8 +38,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
             bias=values['bias'],
             active_low=values['active_low'],
         )
-    check_serial_port(values)
-    return SerialTransport(port, values['baud'])
+    return make_serial_port(values)
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)
