@@ -69,7 +69,7 @@ class AkronCanBridge(BridgeNode[Event]):
         # What comes first here is read first.
         self.stop_input('~/estop_in', self._on_estop_in)
         self.command_input(Joy, '~/cmd_joy', self._on_cmd_joy)
-        self.create_subscription(UInt8, '~/soe_directions', self._on_soe_directions, COMMAND_QOS)
+        self.asked_input(UInt8, '~/soe_directions', self._on_soe_directions, COMMAND_QOS)
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the unit, and neutral sticks after others."""
@@ -204,7 +204,8 @@ class AkronCanBridge(BridgeNode[Event]):
 
     def _on_soe_directions(self, message: Any) -> None:
         self._limited = True
-        self.request(Session.set_directions, message.data, key='soe_directions')
+        if not self.request(Session.set_directions, message.data, key='soe_directions'):
+            self.request(Session.limit_directions, stop=True)
 
 
 def main() -> None:

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import re
+import threading
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -15,6 +17,42 @@ from bridge_core.input_guard import InputGuard
 from bridge_core.reasons import Coded
 from bridge_core.report import Status
 from bridge_core.session import Level
+
+_VARIES = re.compile(r"\d+|'[^']*'")  # within a kind of refusal: numbers and names
+_KINDS = 8
+
+
+class Refusals:
+    """
+    What a node has refused, for any thread: how often, and the newest of each kind.
+
+    One kind, however often it comes, hides no other one. With a ninth the oldest is forgotten.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._lock = threading.Lock()
+        self._newest: dict[str, str] = {}  # by kind, in the order of time
+
+    def note(self, text: str) -> None:
+        """Note one."""
+        kind = _VARIES.sub('…', text)
+        with self._lock:
+            self.count += 1
+            self._newest.pop(kind, None)
+            self._newest[kind] = text
+            if len(self._newest) > _KINDS:
+                del self._newest[next(iter(self._newest))]
+
+    def values(self) -> dict[str, Any]:
+        """Return the key-value pairs of a diagnostic."""
+        with self._lock:
+            last, *others = [*reversed(self._newest.values())] or ['none']
+            return {
+                'refused requests': self.count,
+                'last refusal': last,
+                'refusals of other kinds': '; '.join(others) or 'none',
+            }
 
 
 class BridgeDiagnostics:

@@ -10,14 +10,15 @@ publishers, messages that were lost and that no proof tells of, a publisher that
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import threading
 from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from bridge_core import clock
-from bridge_core.lane import waited
+from bridge_core.lane import ASKED_LIMIT, waited
 from bridge_core.proof import nanoseconds
 from bridge_core.publishers import PublisherWatch
 from bridge_core.reasons import Coded
@@ -68,9 +69,18 @@ class InputGuard:
         """Tell whether somebody publishes stops that are never heard."""
         return bool(self._unheard)
 
+    @contextmanager
+    def asked(self, waited: float) -> Iterator[None]:
+        """Serve what has waited so many s for the executor, which may hang alone."""
+        self._current.late = waited > ASKED_LIMIT
+        try:
+            yield
+        finally:
+            self._current.late = False
+
     def settling(self, now: float) -> bool:
-        """Tell whether this process was just frozen, so that what comes may have waited."""
-        return self._freeze.settling(now)
+        """Tell whether what this thread is asked may be old: it waited, or in a freeze of all."""
+        return self._freeze.settling(now) or getattr(self._current, 'late', False)
 
     def subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], stop: bool | None = None

@@ -34,6 +34,9 @@ from bridge_core.thread_name import show_thread
 _CALL_LIMIT = 0.4  # s that others wait for the lane's thread
 _CAPACITY = 10_000  # calls that may wait; what is posted always may, as it may be a stop
 _REPORT_PERIOD = 1.0  # s
+# s that what is asked may wait for the executor's thread: who asked may have gone away since. What
+# is older moves nothing and releases nothing; a stop counts however old it is.
+ASKED_LIMIT = 1.0
 _TOGETHER = 0.001  # s; a timer that is due so soon after another one needs no wake-up of its own
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import traceback
 from typing import Any, ClassVar
 
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -21,7 +22,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bridge_core.lane import Lane
+from bridge_core.lane import ASKED_LIMIT, Lane, waited
 from bridge_core.parameter_files import check_sections
 from bridge_core.parameters import (
     is_ros_parameter,
@@ -33,8 +34,10 @@ from bridge_core.parameters import (
 from bridge_core.rclpy_inner import given_parameters, wrap_change_state, wrap_transitions
 from bridge_core.reasons import Coded
 from bridge_core.transports import TransportError
+from bridge_core.watchdog import FROZEN
 
 _REPORT_PERIOD = 1.0  # s, between two lines on messages that failed
+_ACTIVATE = ('activate', Transition.TRANSITION_ACTIVATE)
 
 
 def latched_qos(deadline: float | None = None) -> QoSProfile:
@@ -93,7 +96,7 @@ class ManagedNode(Quiet, LifecycleNode):
             super().destroy_node()
             raise
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        wrap_change_state(self, self._checked)
+        wrap_change_state(self, lambda callback: self._checked(self._young(callback)))
         self.lane = Lane(self, f'{name} lane')
 
     def create_subscription(
@@ -135,6 +138,23 @@ class ManagedNode(Quiet, LifecycleNode):
                 return response
 
         return checked
+
+    def waited(self) -> float:
+        """Return the s that the request whose callback this is has waited for the executor."""
+        received = getattr(self.executor, 'received_timestamp', 0)  # rclpy's own tells none
+        return waited({'received_timestamp': received})
+
+    def _young(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Have an activation that has waited be refused: it may release what a device holds."""
+
+        def young(request: Any, response: Any) -> Any:
+            wanted = request.transition.label or request.transition.id
+            if wanted in _ACTIVATE and self.waited() > ASKED_LIMIT:
+                self.get_logger().warning(f'refused activate: {FROZEN}')
+                return response
+            return callback(request, response)
+
+        return young
 
     def unheard_publisher(self, topic: str) -> Coded | None:
         """Name who promises less than a stop needs there, so that nothing of it is ever heard."""

@@ -26,10 +26,11 @@ from std_msgs.msg import Bool, UInt8MultiArray
 from std_srvs.srv import Trigger
 
 from bridge_core import clock
-from bridge_core.bridge_diagnostics import BridgeDiagnostics
+from bridge_core.bridge_diagnostics import BridgeDiagnostics, Refusals
 from bridge_core.convert import time_message
 from bridge_core.deferred import Deferred
 from bridge_core.input_guard import InputGuard
+from bridge_core.lane import waited
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.mux_topics import MuxTopics
 from bridge_core.parameters import BRIDGE_PARAMETERS, Parameter, ParameterError
@@ -85,8 +86,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         self._diagnostics = BridgeDiagnostics(self, self._inputs)
         self._report: Report | None = None
         self._waiting = Waiting(self)
-        self.refused = 0
-        self.refusal = ''
+        self.refusals = Refusals()
         self._device_publisher: Any = None
         if self.TELLS_DEVICE:
             self._device_publisher = self.create_publisher(
@@ -124,6 +124,17 @@ class BridgeNode(ManagedNode, Generic[EventT]):
     def command_input(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
         """Subscribe to commands, which count while one publisher alone is heard."""
         self._inputs.subscribe(kind, topic, callback)
+
+    def asked_input(
+        self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile | int
+    ) -> None:
+        """Subscribe in the executor to what counts unless it has waited for it."""
+
+        def on_message(message: Any, info: Any) -> None:
+            with self._inputs.asked(waited(info)):
+                callback(message)
+
+        self.create_subscription(kind, topic, on_message, qos)
 
     def on_distrusted(self, text: str) -> None:
         """
@@ -217,7 +228,8 @@ class BridgeNode(ManagedNode, Generic[EventT]):
         Have ``method(session, *arguments, now)`` called soon; return a number, 0 if it is in vain.
 
         A ValueError is a refusal of what somebody asked: it is counted and logged, nothing else.
-        So is what comes right after a freeze of this node, but for stops: it may be as old.
+        So is what comes right after a freeze of this node, but for stops: it may be as old. So is
+        what has waited for the executor.
 
         :param method: of the session's class. :param key: of one key the newest request may be the
             only one; the method's name if none is given. :param each: no request replaces another.
@@ -237,20 +249,21 @@ class BridgeNode(ManagedNode, Generic[EventT]):
 
     def refuse(self, text: str) -> None:
         """Count and log a request that makes no sense."""
-        self.refused += 1
-        self.refusal = text
+        self.refusals.note(text)
         self.log(Level.WARN, f'refused {text}', site='refused')
 
     def _create_device_service(self, name: str, call: Call) -> None:
         async def serve(request: Any, response: Any) -> Any:
             """Answer when the device has: the executor goes on meanwhile."""
             del request
-            frozen = self._inputs.settling(clock.now())
-            answer = await self._waiting.ask(
-                name,
-                lambda: self._request(call, key=name, each=True, waits=True),
-                FROZEN if frozen and self.active else _INACTIVE.reasons[0],
-            )
+            with self._inputs.asked(self.waited()):
+                frozen = self._inputs.settling(clock.now())
+                future = self._waiting.ask(
+                    name,
+                    lambda: self._request(call, key=name, each=True, waits=True),
+                    FROZEN if frozen and self.active else _INACTIVE.reasons[0],
+                )
+            answer = await future
             response.success, response.message = answer.success, answer.text
             return response
 
@@ -364,8 +377,7 @@ class BridgeNode(ManagedNode, Generic[EventT]):
             values = {
                 **link.values,
                 'node process': os.getpid(),
-                'refused requests': self.refused,
-                'last refusal': self.refusal or 'none',
+                **self.refusals.values(),
                 'malformed messages': self.lane.malformed,
             }
             if self._raw is not None:

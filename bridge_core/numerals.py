@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Numbers in text that others wrote: plain decimal ones.
+Numbers that others gave: whether they fit, and plain decimal ones in text.
 
 Python's own readers take more: '1_2', digits of any script, blanks around them, 'nan' and 'inf'.
 """
@@ -30,3 +30,10 @@ def decimal_number(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f'{reprlib.repr(text)} is no number')
     return value
+
+
+def check_range(what: str, value: int, low: int, high: int) -> None:
+    """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
+    if not (isinstance(value, int) and low <= value <= high):
+        cited = reprlib.repr(value)
+        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {cited}')

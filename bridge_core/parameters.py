@@ -68,6 +68,9 @@ class Parameter:
         items = value if many and isinstance(value, list | tuple) else [value]
         kind = type((self.default or [''])[0] if many else self.default)
         checked = [self._validate_item(item, kind, value) for item in items]
+        if len(checked) > 1 and '' in checked:
+            text = f"parameter {self.name} = {value!r}: '' is none, and stands alone"
+            raise ParameterError(text)
         result = checked if many else checked[0]
         if self.check is not None:
             try:

@@ -11,6 +11,7 @@ All that is used of rclpy beside its public API, as it is in Jazzy (rclpy 7.1).
 | ``Node._parameter_overrides`` | what was given at the start | AttributeError, at the start |
 | ``LifecycleNode._callbacks`` | a fault in a transition ends the node | it is answered alone |
 | ``LifecycleNode._service_change_state`` | a transition that there is not | ends the process |
+| ``Executor._take_service`` | how long a request has waited | nobody knows |
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import await_or_execute, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -50,6 +52,24 @@ def wrap_change_state(node: Any, wrap: Callable[[Callable[..., Any]], Callable[.
     service = getattr(node, '_service_change_state', None)
     if service is not None:
         service.callback = wrap(service.callback)
+
+
+class DatingExecutor(SingleThreadedExecutor):
+    """One whose services may ask when the middleware took in what they are asked."""
+
+    received_timestamp = 0  # ns, of the request that is served now; 0: nobody knows
+
+    def _take_service(self, service: Any) -> Callable[[], Any] | None:
+        with suppress(InvalidHandle), service.handle:
+            request, info = service.handle.service_take_request(service.srv_type.Request)
+            if info is not None:
+                return partial(self._serve, service, request, info)
+        return None
+
+    async def _serve(self, service: Any, request: Any, info: Any) -> None:
+        self.received_timestamp = info.received_timestamp
+        response = await await_or_execute(service.callback, request, service.srv_type.Response())
+        service.send_response(response, info)
 
 
 @dataclass(slots=True, eq=False)

@@ -16,7 +16,7 @@ import traceback
 import rclpy
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 
@@ -33,6 +33,7 @@ from bridge_core.parameter_files import (
     sections_of,
 )
 from bridge_core.parameters import ParameterError
+from bridge_core.rclpy_inner import DatingExecutor
 from bridge_core.realtime import use_realtime
 from bridge_core.remappings import check_remappings
 from bridge_core.share import loopback_profiles
@@ -261,13 +262,13 @@ def _spin(nodes: Sequence[ManagedNode], end: _End, threads: list[threading.Threa
     """Spin until the end, in ``threads`` that are added; return the exit status."""
     stop = threading.Event()
     statuses = [0]
-    executors = [SingleThreadedExecutor() for _ in nodes]
+    executors = [DatingExecutor() for _ in nodes]
 
     def end_by_fault(*_: object) -> None:
         statuses.append(1)
         end.tell()
 
-    def spin(node: ManagedNode, executor: SingleThreadedExecutor) -> None:
+    def spin(node: ManagedNode, executor: DatingExecutor) -> None:
         show_thread(f'spin {node.get_name()}')
         executor.add_node(node)
         try:

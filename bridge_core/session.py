@@ -257,6 +257,10 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         """Tell whether what comes may be read with the next deadline: it would change nothing."""
         return False
 
+    def leaves_at(self) -> float:
+        """Return when the farewell may go, which cannot wait long; until then it is received."""
+        return -math.inf
+
     def farewell(self, now: float) -> Iterable[FrameT]:
         """Return the frames that leave the device in its safe state."""
         del now

@@ -9,9 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge_core.mux_words import MuxWords
-from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
-from bridge_core.transports.serial_name import check_serial_port, gap_of
+from bridge_core.transports.serial_name import (
+    check_serial_port,
+    gap_of,
+    make_serial_port,
+    SERIAL,
+)
 from esi_drive_bridge.session import Session, Settings
 
 
@@ -22,18 +26,6 @@ def make_session(values: Mapping[str, Any]) -> Session:
     return session
 
 
-def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
-    """Return the serial port, not yet open."""
-    # Late: it is the wire's process that needs it, not the node's.
-    from bridge_core.transports.serial import SerialTransport
-
-    return SerialTransport(values['port'], values['baud'])
-
-
 BRIDGE = Bridge(
-    __name__,
-    make_session,
-    make_transport,
-    check_port=check_serial_port,
-    loads=('bridge_core.transports.serial',),
+    __name__, make_session, make_serial_port, check_port=check_serial_port, loads=(SERIAL,)
 )

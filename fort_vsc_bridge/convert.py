@@ -20,11 +20,10 @@ from sensor_msgs.msg import BatteryState, Joy, JoyFeedback, NavSatFix, NavSatSta
 from std_msgs.msg import Int8, String
 
 from bridge_core.convert import joy_message, scaled, unknown_battery
-from bridge_core.numerals import whole_number
+from bridge_core.numerals import check_range, whole_number
 from fort_vsc_bridge.protocol.messages import NAME_SIZE, RemoteStatus, UserFeedbackName
 from fort_vsc_bridge.protocol.values import (
     AutonomyMode,
-    check_range,
     INT32,
     MAX_MAGNITUDE,
     Mode,

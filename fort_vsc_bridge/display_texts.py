@@ -208,6 +208,7 @@ mux.operator.starts: Starts from zero | Wait
 mux.standstill: Joints still move | Wait
 mux.overruled: Loses control | {} | Let go of all
 mux.owner.zero: At zero | {} | Move a stick
+mux.owner.axis_button: No axis button | {} | Hold it as well
 mux.autonomy: Planner fault | Call technician
 mux.autonomy.silent: Planner not heard | Start it
 mux.autonomy.stale: Planner not heard | Start it

@@ -70,11 +70,11 @@ class FortVscBridge(BridgeNode[Event]):
         self._nmea = self.create_publisher(String, '~/nmea', 10)
         self._user_values = self.create_publisher(KeyValue, '~/user_values', 10)
         self.stop_input('~/software_estop', self._on_software_estop)
-        self.create_subscription(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
-        self.create_subscription(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
-        self.create_subscription(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
-        self.create_subscription(String, '~/display_text', self._on_display_text, 10)
-        self.create_subscription(UInt8, '~/get_user_value', self._on_get_user_value, 10)
+        self.asked_input(JoyFeedback, '~/set_feedback', self._on_set_feedback, 10)
+        self.asked_input(KeyValue, '~/set_user_value', self._on_set_user_value, 10)
+        self.asked_input(KeyValue, '~/set_user_name', self._on_set_user_name, 10)
+        self.asked_input(String, '~/display_text', self._on_display_text, 10)
+        self.asked_input(UInt8, '~/get_user_value', self._on_get_user_value, 10)
         if topic := self.values['show_status']:
             self.create_subscription(DiagnosticStatus, topic, self._on_status, latched_qos())
 

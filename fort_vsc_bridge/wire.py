@@ -12,8 +12,7 @@ from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
 from bridge_core.transports.can import CanTransport
 from bridge_core.transports.hidraw import HidrawTransport
-from bridge_core.transports.serial import SerialTransport
-from bridge_core.transports.serial_name import check_serial_port, gap_of
+from bridge_core.transports.serial_name import gap_of, make_serial_port
 from fort_vsc_bridge.protocol.hid import REPORT_SIZE
 from fort_vsc_bridge.protocol.wires import CanWire, HidWire
 from fort_vsc_bridge.session import Session, Settings, wire_of
@@ -38,8 +37,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[Any]:
         return CanTransport(*where, bitrate=values['bitrate'] or None, filters=wire.filters)
     if isinstance(wire, HidWire):
         return HidrawTransport(values['port'], REPORT_SIZE, values['hid.devices'])
-    check_serial_port(values)
-    return SerialTransport(values['port'], values['baud'])
+    return make_serial_port(values)
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

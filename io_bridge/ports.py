@@ -1,60 +1,20 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ports of a box: a line of Modbus on which one speaks at a time, and the lines of a chip."""
+"""The port of a box that is the lines of a GPIO chip."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import os
 import select
 from typing import Any
 
-from bridge_core import clock
 from bridge_core.transports import TransportError
-from bridge_core.transports.serial import SerialTransport
 from bridge_core.waiting import ready
 from io_bridge.protocol import gpio_frame, gpio_values
 
 _MOST_EDGES = 1024  # as many as the kernel keeps
-
-
-class ModbusTransport(SerialTransport):
-    """
-    A line of Modbus: a frame goes once the one before it was answered, or was lost.
-
-    The session waits by itself. Its farewell cannot, and would run into an answer, or be dropped
-    by a box that takes one question at a time.
-
-    :param find: returns the answers that bytes complete. :param answer_time: s.
-    """
-
-    def __init__(
-        self,
-        port: str,
-        baud: int,
-        find: Callable[[bytes, float], Sequence[object]],
-        answer_time: float,
-    ) -> None:
-        super().__init__(port, baud)
-        self._find = find
-        self._answer_time = answer_time
-        self._free_at = 0.0
-
-    def receive(self) -> list[bytes]:
-        """Return the bytes that have arrived. :raises TransportError: the port is gone."""
-        data = super().receive()
-        for each in data:
-            if self._find(each, clock.now()):
-                self._free_at = 0.0
-        return data
-
-    def send(self, frame: bytes) -> bool:
-        """Queue a frame, or drop it while the line is busy. :raises TransportError: gone."""
-        if clock.now() < self._free_at or not super().send(frame):
-            return False
-        self._free_at = clock.now() + self._answer_time
-        return True
 
 
 class GpioTransport:

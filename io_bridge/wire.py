@@ -10,8 +10,8 @@ from typing import Any
 
 from bridge_core.transports import Transport
 from bridge_core.transports.bridge import Bridge
-from bridge_core.transports.serial_name import check_serial_port, gap_of
-from io_bridge.ports import GpioTransport, ModbusTransport
+from bridge_core.transports.serial_name import gap_of, make_serial_port
+from io_bridge.ports import GpioTransport
 from io_bridge.session import Session, Settings
 
 
@@ -29,8 +29,8 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
         # Answers of RTU have no numbers: a network may keep one back, and it would seem new.
         where = 'socket://host:502' if transport == 'tcp' else 'a device file'
         raise ValueError(f'port = {port!r}: allowed is {where} with transport {transport}')
-    settings = Settings.from_parameters(values)
     if transport == 'gpio':
+        settings = Settings.from_parameters(values)
         return GpioTransport(
             port,
             settings.inputs,
@@ -38,10 +38,7 @@ def make_transport(values: Mapping[str, Any]) -> Transport[bytes]:
             bias=values['bias'],
             active_low=values['active_low'],
         )
-    check_serial_port(values)
-    answers = settings.wire().parser()
-    answers.expect_gaps(gap_of(values))
-    return ModbusTransport(port, values['baud'], answers.feed, values['answer_time'])
+    return make_serial_port(values)
 
 
 BRIDGE = Bridge(__name__, make_session, make_transport, check_port=make_transport)

@@ -82,12 +82,13 @@ def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[Coded]:
             inner = problem or drive.device_words
             return [passed_on(inner, text, 'mux.drive.disabled', drive=drive.name)]
     if not mux.through_zero and not any(owner.demand):
-        text = f'{owner.label} has control and asks for zero'
-        return [Coded('mux.owner.zero', text, owner=owner.name)]
+        return [owner.idle]
     if not mux.through_zero and any(mux.limiter.output):
         return []
     if mux.scale(now) == 0.0:
         return _slowed(mux, now)
+    if not mux.through_zero:
+        return mux.limiter.words
     first = f'the output passes through zero first{_motion(mux, now)}'
     return [Coded('mux.operator.starts', f'{owner.label} takes control: {first}')]
 

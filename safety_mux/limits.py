@@ -14,6 +14,8 @@ from itertools import repeat
 import math
 from operator import gt
 
+from bridge_core.reasons import Coded
+
 
 @dataclass(frozen=True, slots=True)
 class JointLimit:
@@ -68,6 +70,11 @@ class JointLimiter:
     def output(self) -> tuple[float, ...]:
         """The last output, one number a joint."""
         return self._values
+
+    @property
+    def words(self) -> list[Coded]:
+        """As of Limiter: this one knows no places."""
+        return []
 
     def reset(self) -> None:
         """Set the output to zero at once."""

@@ -9,7 +9,7 @@ MalformedInput with the reason in words (rule 9); a bad configuration raises Val
 mapping is made.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 import math
 import reprlib
@@ -132,12 +132,23 @@ class JoyMapping:
         """
         self._check(axes, buttons)
         held = [buttons[index] >= self.pressed_at for index in self.deadman]
+        let_go = self._let_go(buttons)
         return OperatorSample(
             neutral=all(stick.neutral(axes[stick.axis]) for stick in self.sticks),
             deadman=all(held),
-            demand=self._demand(axes, buttons),
+            demand=self._demand(axes, buttons, let_go),
             partial=any(held) and not all(held),
+            unheld=tuple(
+                (stick.axis, let_go[place])
+                for place, stick in enumerate(self.sticks)
+                if place in let_go and not stick.neutral(axes[stick.axis])
+            ),
         )
+
+    def _let_go(self, buttons: Sequence[int]) -> dict[int, int]:
+        """Return the places of the sticks whose button is not held, and that button."""
+        needed = enumerate(self.axis_buttons)
+        return {place: n for place, n in needed if n >= 0 and buttons[n] < self.pressed_at}
 
     def _check(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
         need = 1 + max(stick.axis for stick in self.sticks)
@@ -160,14 +171,15 @@ class JoyMapping:
                     f'axis {index} is {value}, beyond -{AXIS_LIMIT}...{AXIS_LIMIT}'
                 )
 
-    def _demand(self, axes: Sequence[float], buttons: Sequence[int]) -> Demand:
-        values = tuple(stick.shape(axes[stick.axis]) for stick in self.sticks)
-        if self.axis_buttons:
-            values = tuple(
-                value if index < 0 or buttons[index] >= self.pressed_at else 0.0
-                for value, index in zip(values, self.axis_buttons, strict=True)
+    def _demand(
+        self, axes: Sequence[float], buttons: Sequence[int], let_go: Container[int]
+    ) -> Demand:
+        demand = self._mix(
+            tuple(
+                0.0 if place in let_go else stick.shape(axes[stick.axis])
+                for place, stick in enumerate(self.sticks)
             )
-        demand = self._mix(values)
+        )
         if self.level_button < 0:
             return demand
         value = buttons[self.level_button]

@@ -73,6 +73,12 @@ class OwnerInput(Input):
         """How, as owner, it gave up control; None while it has not."""
         raise NotImplementedError
 
+    @property
+    def idle(self) -> Coded:
+        """Say why it asks for zero while it has control."""
+        text = f'{self.label} has control and asks for zero'
+        return Coded('mux.owner.zero', text, owner=self.name)
+
     def drop_requests(self) -> None:
         """Drop every earlier request; the input stays fresh."""
         self.rest.end()
@@ -150,6 +156,15 @@ class OperatorInput(OwnerInput):
     def given_up(self) -> str | None:
         """The release of the deadman, in words; None while it is held."""
         return None if self.holding else f'{self.label} released its deadman'
+
+    @property
+    def idle(self) -> Coded:
+        """Say why it asks for zero while it has control."""
+        if self.newest is None or not self.newest.unheld:
+            return super().idle
+        pushed = ', '.join(f'axis {axis} without button {n}' for axis, n in self.newest.unheld)
+        text = f'{self.label} pushes {pushed} (operator.{self.name}.axis_buttons)'
+        return Coded('mux.owner.axis_button', text, owner=self.name)
 
     def unrest(self, now: float) -> Coded | None:
         """Return why a fresh operator is not at neutral; None if it is, or is not fresh."""

@@ -52,12 +52,14 @@ class OperatorSample:
     :param deadman: all buttons of the deadman are held.
     :param demand: one number a joint.
     :param partial: some buttons of the deadman are held, but not all.
+    :param unheld: axis and button of each stick that is pushed without its own button.
     """
 
     neutral: bool
     deadman: bool
     demand: Demand
     partial: bool = False
+    unheld: tuple[tuple[int, int], ...] = ()
 
     @property
     def at_rest(self) -> bool:
@@ -71,6 +73,10 @@ class Limiter(Protocol):
     @property
     def output(self) -> Demand:
         """The last output."""
+
+    @property
+    def words(self) -> list[Coded]:
+        """Say what holds or slows joints by where they are."""
 
     def step(self, target: Demand, dt: float, scale: float = 1.0) -> Demand:
         """Return the next output on the way to ``target``, ``dt`` seconds after the last."""

@@ -153,6 +153,10 @@ mux.overruled: step, operator: {owner} is losing control
 mux.owner.zero: step, operator: {owner} asks for zero
     … has control and asks for zero
     -> Move the stick; or the planner sends zero
+mux.owner.axis_button: step, operator: {owner} does not hold the button of an axis
+    operator '…' pushes …axis … without button … (operator.….axis_buttons)
+    -> Hold the button of the axis, too
+    -> Or correct axis_buttons
 mux.autonomy.silent mux.autonomy.stale: note, integrator: The planner is not heard
     autonomy is silent: …
     autonomy is stale: …

@@ -97,7 +97,7 @@ class SscBridge(BridgeNode[Event]):
         self.stop_input('~/estop_in', self._on_estop_in)
         self.command_input(UInt16MultiArray, '~/pulse_command', self._on_pulse_command)
         self.command_input(JointState, '~/servo_command', self._on_servo_command)
-        self.create_subscription(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
+        self.asked_input(KeyValue, '~/aux_outputs', self._on_aux_outputs, 10)
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the device, and neutral sticks after others."""

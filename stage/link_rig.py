@@ -113,6 +113,7 @@ class FakeSession(Session[Any, bytes, str]):
         self.calls: list[str] = []
         self.received = b''
         self.due = math.inf
+        self.leaves = -math.inf
         self.wanted: list[bytes] = []
         self.stop = False
         self.told_sent: list[tuple[bytes, float]] = []
@@ -174,6 +175,9 @@ class FakeSession(Session[Any, bytes, str]):
     def do(self, function: Callable[[float], object], now: float) -> None:
         """Let a test run something where the session runs."""
         function(now)
+
+    def leaves_at(self) -> float:
+        return self.leaves
 
     def farewell(self, now: float) -> list[bytes]:
         self._call('farewell')

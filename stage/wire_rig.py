@@ -144,7 +144,7 @@ class WireBench:
         patch.setattr(clock, 'now', lambda: self.now)
         for module in (active, wire):
             patch.setattr(module, 'ready', self._ready)
-        patch.setattr(wire, 'time', Namespace(sleep=self._sleep))
+            patch.setattr(module, 'time', Namespace(sleep=self._sleep))
         patch.setattr(opener, 'threading', Namespace(Thread=Thread))
 
     def open_ports(self) -> None:

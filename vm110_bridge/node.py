@@ -62,14 +62,10 @@ class Vm110Bridge(BridgeNode[Event]):
         self._encoder = self.create_publisher(Int32, '~/encoder', latched_qos())
         self._command = self.create_publisher(UInt8MultiArray, '~/command', _COMMAND_DEPTH)
         self._result = self.create_publisher(KeyValue, '~/command_result', _COMMAND_DEPTH)
-        self.create_subscription(
-            UInt8MultiArray, '~/periodic_output', self._on_periodic_output, 10
-        )
-        self.create_subscription(
-            UInt8MultiArray, '~/send_command', self._on_send_command, _COMMAND_DEPTH
-        )
+        self.asked_input(UInt8MultiArray, '~/periodic_output', self._on_periodic_output, 10)
+        self.asked_input(UInt8MultiArray, '~/send_command', self._on_send_command, _COMMAND_DEPTH)
         self.stop_input('~/hold_output', self._on_hold_output)
-        self.create_subscription(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
+        self.asked_input(UInt16, '~/command_done', self._on_command_done, _COMMAND_DEPTH)
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the BU."""

@@ -12,7 +12,8 @@ from typing import Annotated
 from akron_can_bridge.protocol.fields import bit, degrees, Field, flags, position, status, statuses
 from akron_can_bridge.protocol.flags import Input, MiniOutput, Output, Permission
 from akron_can_bridge.protocol.frames import Message, MessageType, Sendable, Writable
-from akron_can_bridge.protocol.values import check_range, Position, Status
+from akron_can_bridge.protocol.values import Position, Status
+from bridge_core.numerals import check_range
 
 PERMISSIVE_PERIOD = 0.1  # A1
 PERMISSIVE_TIMEOUT = 0.3

@@ -13,13 +13,13 @@ from typing import Any
 
 from akron_can_bridge.protocol.values import (
     Axis,
-    check_range,
     pack_statuses,
     Position,
     Status,
     unpack_statuses,
     Version,
 )
+from bridge_core.numerals import check_range
 
 
 def _same(value: Any) -> Any:

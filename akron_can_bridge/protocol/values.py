@@ -12,6 +12,8 @@ from functools import lru_cache
 import math
 from typing import NamedTuple
 
+from bridge_core.numerals import check_range
+
 JOYSTICK_ADDRESSES = range(0x33, 0x39)  # Appendix B; the first outranks all after it
 FULL_SCALE = 1000  # a deflection of 100.0 %
 MAX_MAGNITUDE = 1023  # ten bits; other makers' sticks read this much at their stop
@@ -49,12 +51,6 @@ PCODE_ERRORS: dict[int, str] = {  # the rest is in the reference manual of the d
 def pcode_name(code: int) -> str:
     """Return a pCode error code in words; the number where this manual does not name it."""
     return PCODE_ERRORS.get(code, f'error flash code {code}')
-
-
-def check_range(what: str, value: int, low: int, high: int) -> None:
-    """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
-    if not (isinstance(value, int) and low <= value <= high):
-        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {value!r}')
 
 
 class Status(IntEnum):

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import time
 from typing import Any, Generic
 
 from bridge_core import clock
@@ -84,11 +85,15 @@ class Active(Generic[FrameT]):
     def exchange(self, readable: bool, now: float) -> None:
         """Receive if there is anything, then poll. :raises TransportError: the port is gone."""
         if readable:
-            for data in self.transport.receive():
-                self._deliver(self.session.receive(data, now), now)
-                self._show(False, [data], now)
+            self.receive(now)
         self._deliver(self.session.poll(now), now)
         self._polled_at = now
+
+    def receive(self, now: float) -> None:
+        """Receive what there is. :raises TransportError: the port is gone."""
+        for data in self.transport.receive():
+            self._deliver(self.session.receive(data, now), now)
+            self._show(False, [data], now)
 
     def discard(self) -> None:
         """Discard what waits: it is old. :raises TransportError: the port is gone."""
@@ -105,8 +110,7 @@ class Active(Generic[FrameT]):
             try:
                 # A line busy with earlier frames is no reason to leave the device moving.
                 while not (taken := self.transport.send(frame)) and clock.now() < end:
-                    if ready([self.transport.fileno()], 0.001):
-                        self.transport.receive()  # a half-duplex line waits for the answer
+                    time.sleep(0.001)
             except TransportError as failure:
                 taken, error = False, str(failure)
             if taken:

@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which names a serial port can have; pyserial need not be loaded to check one."""
+"""Which names a serial port can have, and the port; pyserial is loaded for that alone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
+from bridge_core.transports import Transport
+
+SERIAL = 'bridge_core.transports.serial'  # which a wire's own process loads at its start
 _NETWORK = ('socket://', 'rfc2217://')
 # What else pyserial opens (alt, cp2110, hwgrep, spy) is a local device that it does not lock: two
 # nodes would have it open.
@@ -26,6 +29,18 @@ def check_serial_port(values: Mapping[str, Any]) -> None:
         raise ValueError(
             f'port = {port!r}: allowed is a device file, socket://host:port or rfc2217://host:port'
         )
+
+
+def make_serial_port(values: Mapping[str, Any]) -> Transport[bytes]:
+    """
+    Return the port of the parameters ``port`` and ``baud``, not yet open.
+
+    :raises ValueError: there is none of that name.
+    """
+    from bridge_core.transports.serial import SerialTransport  # late: not for every node
+
+    check_serial_port(values)
+    return SerialTransport(values['port'], values['baud'])
 
 
 def is_network(port: str) -> bool:

@@ -36,6 +36,7 @@ BACKOFF_START = 0.1
 _LONGEST_WAIT = 1.0
 _SOON = 0.001  # s; a session that is due so soon is waited for, and what comes is read with it
 _WORDS_TIME = 0.01  # s that the words about a stop leave to the stop itself
+_TURN_TIME = 0.25  # s that a farewell waits for its turn
 
 
 class Wire(Generic[FrameT]):
@@ -267,7 +268,7 @@ class Wire(Generic[FrameT]):
                 last.callback(active.transport.close)
                 # The stop is published before the port is closed, which may take a while.
                 last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
-                self._say_farewell(active, now)
+                self._say_farewell(active)
 
     def _wait_for_port(self) -> None:
         """Wait for a port that is being opened, but not for ever."""
@@ -279,21 +280,37 @@ class Wire(Generic[FrameT]):
                 name = self._opener.port.name if self._opener.port else ''
                 self._owner.link_changed(f'no farewell: {name} was still being opened', False)
                 return
-            # Not to be taken for a wire that hangs, nor to take itself for one. What fails here
-            # fails in each step, too, and is told there.
-            self._pace_at = now + BACKOFF_START
-            with contextlib.suppress(Exception):
-                self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
-            if ready([self._opener.fileno()], min(left, self._pace_at - now)):
+            if self._pause(self._opener.fileno(), left):
                 self._opener.heard()
-            now = self._stepped_at = clock.now()  # no freeze, and no port is open
+            now = clock.now()
             self._take_opened(now)
 
-    def _say_farewell(self, active: Active[FrameT], now: float) -> None:
-        error = active.say_farewell(now)
+    def _pause(self, descriptor: int, left: float) -> bool:
+        """Wait amid a step, ``left`` s at most; tell whether the descriptor is readable."""
+        # Not to be taken for a wire that hangs, nor to take itself for one. What fails here
+        # fails in each step, too, and is told there.
+        now = clock.now()
+        self._pace_at = now + BACKOFF_START
+        with contextlib.suppress(Exception):
+            self._pace_at = max(self._owner.pace(now), now + SHORTEST_WAIT)
+        found = ready([descriptor], min(left, self._pace_at - now))
+        self._stepped_at = clock.now()  # no freeze
+        return bool(found)
+
+    def _say_farewell(self, active: Active[FrameT]) -> None:
+        with contextlib.suppress(Exception):  # the device is left safe whatever fails here
+            self._wait_for_turn(active)
+        error = active.say_farewell(clock.now())
         self.left_safe = not error
         if error:
             self._owner.link_changed(f'no farewell: {error}', False)
+
+    def _wait_for_turn(self, active: Active[FrameT]) -> None:
+        """Receive until the session may leave, but not for ever."""
+        end = clock.now() + _TURN_TIME
+        while (left := min(end, active.session.leaves_at()) - clock.now()) > 0.0:
+            if self._pause(active.transport.fileno(), left):
+                active.receive(clock.now())
 
     # -- port and session -------------------------------------------------------------------------
 
@@ -373,7 +390,7 @@ class Wire(Generic[FrameT]):
                 last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
             last.callback(self._retry_later, error, now)
             if was_open and at_fault:
-                self._say_farewell(active, now)
+                self._say_farewell(active)
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error

@@ -34,6 +34,7 @@ from typing import Any
 
 from bridge_core.framing import Decoder, FrameError
 from bridge_core.j1939 import CanFrame
+from bridge_core.numerals import check_range
 from fort_vsc_bridge.protocol.frames import Message, Received, Rejected
 from fort_vsc_bridge.protocol.messages import (
     Heartbeat,
@@ -46,7 +47,6 @@ from fort_vsc_bridge.protocol.values import (
     AXES,
     Axis,
     Button,
-    check_range,
     InputState,
     Mode,
     pack_pad,

@@ -11,6 +11,7 @@ import reprlib
 import struct
 
 from bridge_core.framing import StreamParser, Unknown
+from bridge_core.numerals import check_range
 from bridge_core.packets import decode_by
 from fort_vsc_bridge.protocol.frames import Message, MessageType, PACKETS
 from fort_vsc_bridge.protocol.values import (
@@ -21,7 +22,6 @@ from fort_vsc_bridge.protocol.values import (
     AXIS_NAMES,
     Button,
     BUTTON_NAMES,
-    check_range,
     INT32,
     Mode,
     MODES,

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
-import reprlib
+
+from bridge_core.numerals import check_range
 
 
 class Mode(IntEnum):
@@ -130,13 +131,6 @@ def estop_sources(bits: int) -> list[str]:
     words = [text for mask, text in named.items() if bits & mask]
     rest = bits & ~int(EStopBits.SRC | EStopBits.VSC | EStopBits.USER)
     return words + ([f'unknown source (bits 0x{rest:X})'] if rest else [])
-
-
-def check_range(what: str, value: int, low: int, high: int) -> None:
-    """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
-    if not (isinstance(value, int) and low <= value <= high):
-        cited = reprlib.repr(value)
-        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {cited}')
 
 
 class InputState(Enum):

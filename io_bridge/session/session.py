@@ -115,6 +115,10 @@ class Session(BaseSession[bytes, Answer, Panel]):
 
     # The link's side; the base has the rest.
 
+    def leaves_at(self) -> float:
+        """Wait for an answer: the farewell would run into it, or be dropped by a box amid it."""
+        return self._turns.over_at if self._settings.outputs else -math.inf
+
     def farewell(self, now: float) -> list[bytes]:
         """Return what sets all outputs off."""
         del now

@@ -87,12 +87,15 @@ class Settings(CheckedSettings):
         names, lines = names_of(values, 'estop_names'), values['estop_lines']
         if not names or len(lines) != 2 * len(names):
             raise ValueError(f'estop_lines = {lines}: two are needed for each of estop_names')
+        keys = [] if values['key_lines'] == [-1] else values['key_lines']
+        if -1 in keys:
+            raise ValueError(f'key_lines = {keys}: -1 is no key switch, and stands alone')
         outputs = names_of(values, 'outputs')
         if outputs and len(outputs) != len(values['output_lines']):
             raise ValueError('output_lines: one is needed for each of outputs')
         return cls(
             estops=tuple(zip(names, lines[::2], lines[1::2], strict=True)),
-            keys=tuple(line for line in values['key_lines'] if line >= 0),
+            keys=tuple(keys),
             speeds=tuple(values['key_speeds']),
             outputs=tuple(zip(outputs, values['output_lines'], strict=False)),
             **cls.named(values),

@@ -47,6 +47,11 @@ class Turns:
         waits = self._answer_time if self._numbered else 2.0 * self._answer_time
         self.free_at = question.at + waits
 
+    @property
+    def over_at(self) -> float:
+        """When the last question is answered or its answer is lost, whatever comes later."""
+        return self._open.at + self._answer_time if self._open else self.free_at
+
     def answered(self, number: int | None, now: float, *, reads: bool) -> Question | None:
         """Return what this answers; None, and counted: nothing that was asked lately."""
         question = self._open

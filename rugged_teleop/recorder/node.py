@@ -37,7 +37,8 @@ from bridge_core.lane import waited
 from bridge_core.managed_node import latched_qos, ManagedNode
 from bridge_core.parameter_files import beside
 from bridge_core.parameters import MANAGED_PARAMETERS, Parameter, ParameterError
-from bridge_core.report import Status
+from bridge_core.reasons import Coded, passed_on
+from bridge_core.report import NOT_ACTIVE, Status
 from bridge_core.runner import run
 from rugged_teleop.devices import devices
 from rugged_teleop.ledger.book import tail
@@ -60,7 +61,11 @@ _STEP_PERIOD = 0.1  # s, between two batches for the disk
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _LEAVE_TIME = 3.0  # s that the last file has to be completed; a disk that hangs keeps it
 _SAVE_TIME = 2.0  # s that the disk has for the minute before, until the answer
-_SLOW_DISK = 'use a faster disk: it has not yet taken the minute before; /diagnostics will tell'
+_SLOW_DISK = Coded(
+    'recorder.slow',
+    'use a faster disk: it has not yet taken the minute before; /diagnostics will tell',
+)
+_NONE = Coded('recorder.none', 'nothing is kept: there is no recording')
 _MB = 1_000_000
 # A reader that asks for no more than this costs the node that publishes no answers, and never
 # holds it up. States that are published on change alone are to be had reliably only.
@@ -264,19 +269,20 @@ class Recorder(ManagedNode):
     def _on_save(self, request: Any, response: Any) -> Any:
         del request
         try:
-            response.success, response.message = self.lane.call(self._save)
+            answer = self.lane.call(self._save)
         except TimeoutError as error:
-            response.message = f'nothing is recorded: {error}'
-        if response.success and not self._writer.wait(_SAVE_TIME):
-            response.success, response.message = False, _SLOW_DISK
-        elif response.success and self._writer.error:
-            response.success = False
-            response.message = f'nothing is recorded: {self._writer.error}'
-        return response
+            answer = Coded('recorder.hangs', f'call it again, nothing is recorded: {error}')
+        if not isinstance(answer, Coded):  # it is to be on the disk, too
+            if not self._writer.wait(_SAVE_TIME):
+                answer = _SLOW_DISK
+            elif self._writer.error:
+                answer = Coded('recorder.failed', f'nothing is recorded: {self._writer.error}')
+        return _answered(response, answer)
 
-    def _save(self) -> tuple[bool, str]:
+    def _save(self) -> str:
         if not self.active:
-            return False, 'nothing is recorded: the recorder is not active'
+            text = 'nothing is recorded: the recorder is not active'
+            return passed_on(NOT_ACTIVE, text)
         now = clock.now()
         if self._writer.error:  # of the one that seems to be open
             self._schedule.is_open = False
@@ -284,20 +290,18 @@ class Recorder(ManagedNode):
         if self._schedule.may_begin(now):
             self._begin(now)
         after = self._schedule.after
-        return True, f'recording to {self.folder.path}, for {after:g} s more'
+        return f'recording to {self.folder.path}, for {after:g} s more'
 
     def _on_keep(self, request: Any, response: Any) -> Any:
         del request
         names: list[str] = []
         self._writer.keep(names.append)
         if not self._writer.wait(_SAVE_TIME):
-            response.message = _SLOW_DISK
-        elif not names:
-            response.message = 'nothing is kept: there is no recording'
-        else:
-            response.success = True
-            response.message = f'{names[0]} is never removed; what is in {KEPT}/ does not count'
-        return response
+            return _answered(response, _SLOW_DISK)
+        if not names:
+            return _answered(response, _NONE)
+        kept = f'{names[0]} is never removed; what is in {KEPT}/ does not count'
+        return _answered(response, kept)
 
     # What is said of it.
 
@@ -393,6 +397,13 @@ def _curves(report: str) -> dict[str, list[Point]]:
     except (OSError, ValueError) as error:
         text = f'parameter commissioning.report = {report!r}: {error}'
         raise ParameterError(text) from error
+
+
+def _answered(response: Any, text: str) -> Any:
+    """Return the answer: a reason why it failed, with its code behind it, or else what is done."""
+    response.success = not isinstance(text, Coded)
+    response.message = f'{text} [{text.code}]' if isinstance(text, Coded) else text
+    return response
 
 
 def main() -> None:

@@ -8,11 +8,19 @@ from bridge_core.reasons import entries
 REASONS = entries("""
 recorder.failed: note, technician: The last recording failed
     make room or correct folder: the last recording failed: …
+    nothing is recorded: …
     -> Make room on the disk
     -> Or correct folder; the next stop tries again
 recorder.slow: note, technician: Some messages are not recorded
     use a faster disk: it was too slow for some messages
+    use a faster disk: it has not yet taken the minute before; /diagnostics will tell
     -> Use a faster disk; see dropped messages
+recorder.hangs: note, nobody: The recorder is too busy to answer
+    call it again, nothing is recorded: …
+    -> Call it again
+recorder.none: note, operator: There is no recording to keep
+    nothing is kept: there is no recording
+    -> Call ~/save first
 recorder.alone: note, integrator: The recorder hears no node
     start the nodes: none is there to record
     -> Start the nodes

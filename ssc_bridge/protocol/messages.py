@@ -12,12 +12,12 @@ import struct
 from typing import ClassVar, TypeVar
 
 from bridge_core.framing import StreamParser, Unknown
+from bridge_core.numerals import check_range
 from bridge_core.packets import Message as PacketMessage
 from ssc_bridge.protocol.frames import MessageType, PACKETS, POLLED
 from ssc_bridge.protocol.values import (
     AUX_CHANNELS,
     AuxFunction,
-    check_range,
     CommandState,
     function_of,
     MAX_INPUTS,

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from bridge_core.numerals import check_range
+
 PULSE_CHANNELS = 24  # pulse inputs and outputs together (1.1)
 MAX_OUTPUTS = PULSE_CHANNELS - 1  # input 1 is the command channel, always (2)
 MAX_INPUTS = 16  # the first of them; input 1 is the command channel and always there (3.2.1)
@@ -20,12 +22,6 @@ TIME_BASES_US = (1, 2, 4, 8, 16, 32, 64, 128)  # by code (4.2.1.6)
 
 _OVER_RANGE = 0x8000  # bits of a measurement word (4.2.1.5)
 _RUNNING = 0x4000
-
-
-def check_range(what: str, value: int, low: int, high: int) -> None:
-    """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
-    if not (isinstance(value, int) and low <= value <= high):
-        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {value!r}')
 
 
 def pulse_of(word: int) -> int | None:

@@ -113,6 +113,11 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
         """Say that this is another SSC than is wanted; None: it is that one, or not known."""
         return another(self.configuration, self.settings.config_id)
 
+    @property
+    def _is_untold(self) -> bool:
+        """Tell whether one SSC alone is wanted, and this one has not told yet which it is."""
+        return self.configuration is None and self.settings.config_id != -1
+
     def inhibits(self, now: float) -> list[Coded]:
         """Return why no command to an output is obeyed, in words; empty too if there is none."""
         return self.forbidden(now) if self.is_commanded else []
@@ -152,16 +157,22 @@ class Session(ActuatorSession[bytes, Message | Poll, Event]):
         if not self.settings.keep_aux_outputs:
             self._aux_outputs.claim(numbers, -math.inf)
 
+    def leaves_at(self) -> float:
+        """Have a device tell which one it is where there is something to undo."""
+        undoes = bool(self.outputs.sent) or self._aux_outputs.deadline < math.inf
+        return math.inf if undoes and self._is_untold else -math.inf
+
     def farewell(self, now: float) -> Iterator[bytes]:
         """
         Yield what brings every output to its failsafe, as nobody will command any more.
 
         Only what was sent has to be undone; and it has to, although this port, or this session,
-        is so new that the device has not told how many outputs it has.
+        is so new that the device has not told how many outputs it has. Where it has not told which
+        one it is, either, and one alone is wanted, it gets nothing: it may be another.
         """
         self.gate.shut([LEAVING])
         self._stop(self.gate.watch(now), now)
-        if self._another:
+        if self._is_untold or self._another:
             return
         for _ in range(RELEASE_FRAMES):  # one may be lost
             if self.outputs.sent:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.session import Session as Akron, Settings as AkronSettings
+from bridge_core.bridge_diagnostics import Refusals
 from bridge_core.framing import Counters
 from bridge_core.report import Damage, levels, LinkStatus, report
 from bridge_core.session import Level
@@ -81,3 +82,27 @@ def test_share_of_damage(
 def test_remedy_for_damage_is_for_the_kind_of_link(session: Any, remedy: str) -> None:
     assert remedy in session.damaged
     assert ('shield' in session.damaged) is (remedy == 'shield')
+
+
+def test_refusal_of_a_kind_is_hidden_by_no_other_kind_however_often_that_comes() -> None:
+    refusals = Refusals()
+    assert [*refusals.values().values()] == [0, 'none', 'none']
+    refusals.note('pulse_command: it takes 70112 bytes; 65536 are allowed')
+    for number in range(100):
+        refusals.note(f'pulse_command: output {number}: there are 16')
+        refusals.note(f"servo_command: no servo 'a{number}'")
+    assert refusals.values() == {
+        'refused requests': 201,
+        'last refusal': "servo_command: no servo 'a99'",
+        'refusals of other kinds': 'pulse_command: output 99: there are 16; '
+        'pulse_command: it takes 70112 bytes; 65536 are allowed',
+    }
+
+
+def test_of_too_many_kinds_the_oldest_is_forgotten() -> None:
+    refusals = Refusals()
+    for kind in 'abacdefghi':
+        refusals.note(kind)
+    values = refusals.values()
+    assert values['last refusal'] == 'i'
+    assert values['refusals of other kinds'] == 'h; g; f; e; d; c; a'

@@ -1,15 +1,16 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Numbers in text that others wrote: plain decimal ones alone."""
+"""Numbers that others gave: those that fit, and plain decimal ones in text alone."""
 
 import contextlib
 import math
+from typing import Any
 
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.numerals import decimal_number, whole_number
+from bridge_core.numerals import check_range, decimal_number, whole_number
 
 # Python's int() and float() take all of these.
 ODD = ['1_2', '\u0661', '\uff11', ' 1', '1\n', '\u20031', '', '-', '+', '1 2']
@@ -43,3 +44,15 @@ def test_numbers_are_read(value: float) -> None:
 def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
     with contextlib.suppress(ValueError):
         assert math.isfinite(decimal_number(text))
+
+
+@pytest.mark.parametrize('value', [-2, 4, 10**1000, 1.0, '1', None])
+def test_value_beyond_its_field_is_refused_in_a_short_line(value: Any) -> None:
+    with pytest.raises(ValueError, match=r'^a bit must be a whole number from -1 to 3, not ') as e:
+        check_range('a bit', value, -1, 3)
+    assert len(str(e.value)) < 100
+
+
+@pytest.mark.parametrize('value', [-1, 0, 3])
+def test_value_that_fits_its_field_passes(value: int) -> None:
+    check_range('a bit', value, -1, 3)

@@ -100,6 +100,12 @@ def test_good_value_comes_out_in_the_parameters_own_type(
         assert [type(item) for item in got] == [type(item) for item in result]
 
 
+@pytest.mark.parametrize('names', [['', 'a'], ['a', ''], ['', '']])
+def test_empty_name_beside_others_is_not_passed_over(names: list[str]) -> None:
+    assert refused(NAMES, names) == "'' is none, and stands alone"
+    assert resolve([NAMES], {'names': ['']}) == {'names': ['']}
+
+
 def test_defaults_are_checked_too() -> None:
     with pytest.raises(ParameterError, match=r'^parameter rate = 1\.0: '):
         resolve([Parameter('rate', 1.0, '', minimum=5.0)], {})

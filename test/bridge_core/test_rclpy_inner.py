@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
@@ -43,6 +44,7 @@ def test_inner_api_is_known_of_the_distribution_that_runs(context: Context) -> N
     rclpy_inner.wrap_change_state(node, wrap)
     assert callable(seen[-1])
     node.destroy_node()
+    assert hasattr(SingleThreadedExecutor, '_take_service')
 
 
 def test_callbacks_that_are_elsewhere_are_left_alone() -> None:

@@ -86,7 +86,7 @@ def test_executors_that_hang_hold_the_farewells_up_together(
 ) -> None:
     """Half a second each, of a stack, would keep its first actuator moving for some."""
     gate = threading.Event()
-    monkeypatch.setattr(runner, 'SingleThreadedExecutor', mock.MagicMock)
+    monkeypatch.setattr(runner, 'DatingExecutor', mock.MagicMock)
     nodes: list[Any] = [mock.MagicMock(autostart=gate.wait) for _ in range(8)]
     threads: list[threading.Thread] = []
     begun = time.monotonic()

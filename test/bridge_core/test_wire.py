@@ -6,6 +6,7 @@
 from collections.abc import Callable, Iterator
 import errno
 import itertools
+import math
 import traceback
 from typing import Any
 
@@ -847,24 +848,54 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     assert not bench.port.is_open
 
 
-def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
-    bench: WireBench, monkeypatch: pytest.MonkeyPatch
+def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
+    bench: WireBench,
 ) -> None:
     bench.run()
     bench.log()
-    receive = bench.port.receive
-
-    def answered() -> list[bytes]:
-        bench.port.busy = 0
-        return receive()
-
-    monkeypatch.setattr(bench.port, 'receive', answered)
-    bench.port.busy = 10**9
-    bench.port.say(b'answer')
+    bench.owner.paced.clear()
+    bench.session.leaves = math.inf
+    then = bench.now
     bench.deactivate()
     bench.step()
+    assert bench.now - then == pytest.approx(0.25)
     assert bench.log()[:2] == ['sent bye 1', 'sent bye 2']
+    assert max(gaps(bench.owner.paced)) == pytest.approx(PACE)
     assert bench.wire.left_safe
+
+
+def test_turn_of_a_farewell_comes_with_what_is_heard(bench: WireBench) -> None:
+    def hear() -> None:
+        bench.port.say(b'answer')
+        bench.session.leaves = bench.now + 0.01
+        bench.during_wait = lambda: None
+
+    bench.run()
+    bench.log()
+    bench.session.leaves = math.inf
+    bench.during_wait = lambda: hear() if bench.now > then + 0.1 else None
+    then = bench.now
+    bench.deactivate()
+    bench.step()
+    assert bench.log()[:3] == ['event heard', 'sent bye 1', 'sent bye 2']
+    assert bench.now - then == pytest.approx(0.13)
+
+
+@pytest.mark.parametrize('unplugged', [False, True])
+def test_farewell_is_said_whatever_fails_while_it_waits_for_its_turn(
+    bench: WireBench, unplugged: bool
+) -> None:
+    bench.run()
+    bench.log()
+    bench.session.leaves = math.inf
+    if unplugged:
+        bench.port.unplug()
+    else:
+        bench.port.say(b'answer')
+        bench.session.faults.add('receive')
+    bench.deactivate()
+    bench.step()
+    assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
 
 
 def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:

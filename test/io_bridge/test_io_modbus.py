@@ -7,18 +7,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import subprocess
 import sys
-import tty
 from typing import Any
 
 import pytest
 
-from bridge_core import clock
-from bridge_core.waiting import ready
 from io_bridge.modbus import ModbusWire, parser, Read, Write
-from io_bridge.ports import ModbusTransport
 from io_bridge.protocol import Inputs, Refused, Written
 from io_bridge.simulator import Simulator
 from stage.io_rig import crc, inputs, rtu, UNIT
@@ -141,33 +136,6 @@ def test_echo_of_a_question_is_no_answer(baud: int | None) -> None:
         line = ModbusWire(UNIT, range(first, first + count), (), baud)
         stream = line.parser()
         assert stream.feed(line.read(7), 5.0) + stream.poll(60.0) == []
-
-
-def test_farewell_waits_for_the_whole_answer_or_until_none_can_come(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now, answer = 100.0, inputs(True, True)
-    monkeypatch.setattr(clock, 'now', lambda: now)
-    box, line = os.openpty()
-    tty.setraw(line)
-    answers = ModbusWire(UNIT, (0, 1), (), 19200).parser()
-    port = ModbusTransport(os.ttyname(line), 19200, answers.feed, 0.5)
-    port.open()
-    try:
-        assert port.send(b'question')
-        for part, is_free in ((answer[:4], False), (answer[4:], True)):
-            assert not port.send(b'farewell')
-            os.write(box, part)
-            assert ready([port.fileno()], 5.0)
-            port.receive()
-            assert port.send(b'question') is is_free
-        assert not port.send(b'farewell')
-        now += 0.5
-        assert port.send(b'farewell')
-    finally:
-        port.close()
-        os.close(box)
-        os.close(line)
 
 
 def test_answer_of_another_unit_is_none() -> None:

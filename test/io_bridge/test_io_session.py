@@ -350,6 +350,26 @@ def test_farewell_sets_all_outputs_off_and_there_is_none_without() -> None:
     assert open_box().session.farewell(100.0) == []
 
 
+def test_farewell_waits_for_the_answer_or_until_none_can_come() -> None:
+    for outputs, waits in ((OUTPUTS, True), ((), False)):
+        box = open_box(outputs=outputs, answer_time=0.06)
+        box.run(0.1)
+        assert box.session.leaves_at() <= box.now
+        box.mute = True
+        box.run(0.1)
+        asked, _ = box.sent[-1]
+        assert (box.session.leaves_at() == asked + 0.06) is waits
+
+
+def test_farewell_on_a_serial_line_leaves_its_silence_to_the_answer() -> None:
+    turns = Turns(0.05, 0.002, numbered=False)
+    assert turns.over_at < 0.0
+    turns.asked(Question(1, True, 10.0))
+    assert turns.over_at == 10.05  # what comes later is the answer to nothing that counts
+    turns.answered(0, 10.04, reads=True)
+    assert turns.over_at == 10.042
+
+
 def modbus(**changes: Any) -> Any:
     session = make_session(values_of(PARAMETERS, **changes))
     _, (frame,) = session.opened(10.0)
@@ -405,6 +425,7 @@ def test_slow_line_carries_reads_and_writes_in_turn(baud: int) -> None:
         ({'estop_names': ['a', 'a'], 'estop_lines': [0, 1, 2, 3]}, 'stands there twice'),
         ({'reset_line': 0}, 'reset_line: 0 stands there twice'),
         ({'key_lines': [4, 5]}, 'key_speeds: 3 are needed'),
+        ({'key_lines': [5, -1]}, r'^key_lines = \[5, -1\]: -1 is no key switch'),
         ({'outputs': ['red', 'green']}, 'one is needed for each'),
         ({'outputs': ['red', 'green'], 'output_lines': [0, 2]}, 'without gaps'),
         ({'outputs': ['red'], 'transport': 'gpio'}, '^output_lines: 0 stands there twice'),

@@ -24,7 +24,7 @@ ROOT = reference.ROOT
 COMMON_PAGE = 'docs/common.md'
 COMMON_MODULES = ('node', 'stop_topics', 'proof_topics', 'bridge_diagnostics')
 # How the names of what makes an interface begin.
-MAKERS = ('create_', 'publisher', 'stop_', 'command_', 'subscribe', 'Command')
+MAKERS = ('create_', 'publisher', 'stop_', 'command_', 'asked_', 'subscribe', 'Command')
 MOST_WORDS = 40  # of a cell
 
 

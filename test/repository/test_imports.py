@@ -59,7 +59,7 @@ BRIDGE = {
         *('bridge_core.waiting', 'gpiod', 'STDLIB'),
     ),
     'protocol': (
-        *('bridge_core.framing', 'bridge_core.checksums'),
+        *('bridge_core.framing', 'bridge_core.checksums', 'bridge_core.numerals'),
         *('bridge_core.packets', 'bridge_core.j1939', 'bridge_core.reasons'),
     ),
     'session': (*LOGIC, '{bridge}.modbus'),

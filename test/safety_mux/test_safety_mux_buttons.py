@@ -16,6 +16,7 @@ from std_msgs.msg import Bool
 from bridge_core.cdr import bool_message
 from safety_mux.protocol import State
 from stage.fed_mux import LIMIT, StepMux, SteppedMux, TICK
+from stage.mux_talkers import sticks
 
 AXIS_BUTTON, HORN, LEVEL = 1, 2, 3
 LEVELS = (0.3, 1.0)
@@ -159,3 +160,20 @@ def test_nothing_is_pressed_or_fast_but_by_who_has_control_now(
 def test_joy_without_a_named_button_is_malformed(step_mux: StepMux) -> None:
     stepped = step_mux(**{'operator.fort.buttons': ['horn=9']})
     assert 'it has 8 buttons, 10 are needed' in stepped.message()
+
+
+def test_owner_who_does_not_hold_the_button_of_his_axis_does_not_ask_for_zero(
+    step_mux: StepMux,
+) -> None:
+    given = {'mixing': 'none', 'axis': [1, 0], 'axis_buttons': [-1, 5]}
+    stepped = step_mux(**{f'operator.fort.{name}': value for name, value in given.items()})
+    assert stepped.reset().ok
+    stepped.run(LIMIT + 0.1)
+    for axis, held, code in ((0, 0, 'axis_button'), (4, 0, 'zero'), (0, 1, '')):
+        stepped.joy = sticks(deadman=True)
+        stepped.joy.axes[axis], stepped.joy.buttons[5] = 0.5, held
+        assert stepped.run(0.2) is State.ACTIVE
+        values = stepped.values()
+        assert values.get('code', '') == (code and f'mux.owner.{code}')
+        pushed = 'pushes axis 0 without button 5 (operator.fort.axis_buttons)'
+        assert (pushed in values.get('inhibit 1', '')) is (code == 'axis_button')

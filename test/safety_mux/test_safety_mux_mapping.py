@@ -113,6 +113,20 @@ def test_first_button_serves_like_any_other() -> None:
     assert [own.sample([1.0], [value, 0]).demand for value in (0, 1)] == [(0.0,), (1.0,)]
 
 
+def test_sticks_that_are_pushed_without_their_button_are_told() -> None:
+    """Of two sticks on one axis, each with its own."""
+    both = JoyMapping((STRAIGHT, STRAIGHT), deadman=(0,), axis_buttons=(1, 2))
+    for value, held, unheld in (
+        (1.0, (0, 0), ((0, 1), (0, 2))),
+        (1.0, (0, 1), ((0, 1),)),
+        (1.0, (1, 1), ()),
+        (0.0, (0, 0), ()),
+    ):
+        sample = both.sample([value], [1, *held])
+        assert sample.unheld == unheld
+        assert sample.demand == tuple(value * each for each in held)
+
+
 def test_twist_over_the_ground_is_forward_left_and_turn() -> None:
     assert over_the_ground((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == (1.0, 2.0, 6.0)
 

@@ -11,8 +11,10 @@ from hypothesis import given, settings, strategies as st
 import pytest
 
 from safety_mux.limits import JointLimit, JointLimiter
-from safety_mux.protocol import MalformedInput
+from safety_mux.protocol import MalformedInput, State
 from safety_mux.soft_ends import EndedLimiter, SoftEnds
+from stage.fed_mux import LIMIT, StepMux
+from stage.mux_talkers import sticks
 
 MOST, SLOWING = 2.0, 2.0
 ENDS = SoftEnds(-1.0, 5.0, MOST**2 / SLOWING, MOST)
@@ -353,3 +355,18 @@ def test_nothing_drives_a_joint_beyond_its_ends(
 def test_ends_without_a_way_between_them_are_refused() -> None:
     with pytest.raises(ValueError, match='must be below'):
         SoftEnds(1.0, 1.0, 1.0, 1.0)
+
+
+def test_owner_who_drives_into_an_end_does_not_wait_for_zero(step_mux: StepMux) -> None:
+    stepped = step_mux()
+    assert stepped.reset().ok
+    stepped.run(LIMIT + 0.1)
+    stepped.joy = sticks(0.5, deadman=True)
+    assert stepped.run(0.2) is State.ACTIVE
+    limits = [JointLimit(MOST, 100.0, SLOWING)] * 2
+    stepped.arbiter.limiter = EndedLimiter(JointLimiter(limits), {0: ENDS, 1: ENDS}, 'lr')
+    stepped.arbiter.limiter.hear([ENDS.most] * 2)
+    stepped.run(0.2)
+    values = stepped.values()
+    assert values['code'] == 'mux.limit.end'
+    assert values['inhibit 1'].endswith('near its end: only back')

@@ -285,6 +285,15 @@ def test_farewell_undoes_what_was_set(before: str) -> None:
     assert last_words(rig) == [UNDO] * RELEASE_FRAMES
 
 
+def test_farewell_undoes_nothing_of_an_ssc_that_may_be_another() -> None:
+    rig = aux_rig(config_id=126).play(SET + 'mute; close; open')
+    assert rig.session.leaves_at() > rig.now
+    assert not last_words(rig)
+    rig.play('hear 10 15')
+    assert rig.session.leaves_at() < rig.now
+    assert last_words(rig) == [UNDO] * RELEASE_FRAMES
+
+
 @pytest.mark.parametrize(('keep', 'frames'), [(False, RELEASE_FRAMES), (True, 0)])
 def test_what_was_set_by_a_session_before_is_undone(keep: bool, frames: int) -> None:
     """At the end, or once the device is known."""

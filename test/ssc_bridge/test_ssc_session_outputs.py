@@ -468,6 +468,30 @@ def test_ssc_that_is_exchanged_for_another_is_sent_no_failsafe_that_was_not_its_
     assert rig.pulses()[-1][TILT.channel - 1] == TILT.failsafe_us
 
 
+@pytest.mark.parametrize(('told', 'us'), [(126, FAILSAFES), (127, None)])
+def test_farewell_waits_for_an_ssc_to_tell_whether_it_is_the_one_that_is_meant(
+    told: int, us: Any
+) -> None:
+    rig = servo_rig(config_id=126).play(f'100 {HALF}; mute; close; open')
+    assert rig.session.leaves_at() > rig.now + 1.0
+    assert not rig.farewell()
+    rig.config_id = told
+    rig.play('hear 10 15')
+    assert rig.session.leaves_at() < rig.now
+    assert last_words(rig) == ([us] * RELEASE_FRAMES if us else [])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'script'),
+    [({'config_id': 126, 'servos': ALL}, ''), ({'config_id': 126}, '100'), ({}, '100 us=1500')],
+)
+def test_farewell_waits_neither_for_who_is_known_nor_without_anything_to_undo(
+    changes: dict[str, Any], script: str
+) -> None:
+    rig = Rig(**changes).start().play(script and f'{script}; mute; close; open')
+    assert rig.session.leaves_at() < rig.now
+
+
 def test_ssc_that_was_exchanged_unnoticed_is_a_stop_until_it_was_read_again() -> None:
     rig = servo_rig().play('5 pan=0.5; late 0.001; mark')
     rig.config_id = 127

@@ -140,7 +140,7 @@ def test_command_to_a_node_that_was_frozen_is_told_refused(
     monkeypatch.setattr(FreezeWatch, 'settling', lambda self, now: True)
     node._on_send_command(SENT)
     assert results == [KeyValue(key='refused', value=FROZEN)]
-    assert node.refused == 1
+    assert node.refusals.count == 1
 
 
 def test_command_that_is_taken_and_periodic_output_that_is_not_are_told_nothing(

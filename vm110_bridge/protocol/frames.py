@@ -12,7 +12,7 @@ from typing import ClassVar, TypeVar
 
 from bridge_core.checksums import crc32_iso_hdlc, crc32_mpeg2
 from bridge_core.framing import ChecksumError, FrameError
-from vm110_bridge.protocol.values import check_range
+from bridge_core.numerals import check_range
 
 REVISION = 0  # of the payload layouts that the manual describes
 MAX_LENGTH = 492  # largest payload in bytes

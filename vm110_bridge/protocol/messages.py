@@ -10,12 +10,12 @@ import struct
 from typing import TypeVar
 
 from bridge_core.framing import Unknown
+from bridge_core.numerals import check_range
 from vm110_bridge.protocol.frames import Crc, Frame, Message, PacketId
 from vm110_bridge.protocol.values import (
     AXIS_NAMES,
     BU_STATES,
     BuState,
-    check_range,
     DISABLED,
     Disabled,
     LINK_STATUSES,

@@ -76,9 +76,3 @@ def state_name(state: IntEnum | int | None) -> str:
     if isinstance(state, IntEnum):
         return state.name.replace('_', ' ').capitalize()
     return f'Unknown (0x{state:02X})'
-
-
-def check_range(what: str, value: int, low: int, high: int) -> None:
-    """Let a value pass that fits its field. :raises ValueError: names ``what`` and the range."""
-    if not (isinstance(value, int) and low <= value <= high):
-        raise ValueError(f'{what} must be a whole number from {low} to {high}, not {value!r}')

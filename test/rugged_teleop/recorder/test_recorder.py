@@ -23,6 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 from bridge_core import clock
 from bridge_core.fingerprint import fingerprint
@@ -31,6 +32,7 @@ from bridge_core.parameters import ParameterError
 from rugged_teleop.ledger.book import Book
 from rugged_teleop.ledger.facts import Facts
 from rugged_teleop.ledger.stopping import Trend
+from rugged_teleop.reasons import catalogue
 from rugged_teleop.recorder.asked import AskedParameters
 from rugged_teleop.recorder.definitions import definition_of, message_class
 from rugged_teleop.recorder.folder import file_name, Folder
@@ -503,6 +505,47 @@ def test_report_that_is_none_stops_the_node(tmp_path: Path, file: str, text: str
         (tmp_path / 'report.json').write_text(file, encoding='utf-8')
     with pytest.raises(ParameterError, match=f'parameter commissioning.report = .*{text}'):
         _curves(str(tmp_path))
+
+
+ANSWERS = [  # the service, what is wrong, and the code
+    ('save', {}, ''),
+    ('save', {'saves': TimeoutError('it hangs')}, 'recorder.hangs'),
+    ('save', {'active': False}, 'node.inactive'),
+    ('save', {'slow': True}, 'recorder.slow'),
+    ('save', {'error': 'File too large'}, 'recorder.failed'),
+    ('keep', {}, ''),
+    ('keep', {'slow': True}, 'recorder.slow'),
+    ('keep', {'names': []}, 'recorder.none'),
+]
+
+
+@pytest.mark.parametrize(('service', 'wrong', 'code'), ANSWERS)
+def test_answer_of_a_service_that_failed_ends_with_its_code(
+    service: str, wrong: dict[str, Any], code: str
+) -> None:
+    def call(function: Any) -> Any:
+        if 'saves' in wrong:
+            raise wrong['saves']
+        return function()
+
+    node: Any = SimpleNamespace(
+        active=wrong.get('active', True),
+        folder=SimpleNamespace(path=Path()),
+        lane=SimpleNamespace(call=call),
+        _writer=SimpleNamespace(
+            error=wrong.get('error', ''),
+            wait=lambda _: not wrong.get('slow'),
+            keep=lambda tell: [tell(name) for name in wrong.get('names', ['a'])],
+        ),
+        _schedule=SimpleNamespace(
+            ask=lambda *_, **__: None, may_begin=lambda _: False, after=1.0, is_open=True
+        ),
+    )
+    node._save = lambda: Recorder._save(node)
+    answer = getattr(Recorder, f'_on_{service}')(node, Trigger.Request(), Trigger.Response())
+    assert answer.success is not bool(code)
+    assert answer.message.endswith(f' [{code}]' if code else ('more', 'count'))
+    assert not code or code in catalogue()
 
 
 def test_status_says_what_is_wrong_with_the_ledger_or_the_brakes() -> None:
