@@ -188,10 +188,11 @@ def test_own_enable_that_goes_on_to_be_true_is_no_half_of_an_edge() -> None:
         mux.reach(rig.session, rig.events, rig.now)
         rig.events.clear()
 
-    play(rig, *[1, prove] * 20)
+    proven: list[Step] = [1, prove] * 20
+    play(rig, *proven)
     mux.say(rig.now, enable=True)
     blip = said((0, 0), (2, 0x20)), IDLE
-    play(rig, {'enable': True}, ask('set_enable', True), *blip, *[1, prove] * 20)
+    play(rig, {'enable': True}, ask('set_enable', True), *blip, *proven)
     assert rig.phases() == [Phase.ENABLING, Phase.DISABLED]
     assert rig.session.inhibits(rig.now)[0] == f'{B}: enable must go false, then true again'
 
