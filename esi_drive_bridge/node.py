@@ -166,8 +166,12 @@ class EsiDriveBridge(BridgeNode[Event]):
             self.refuse(f'command: {error}')
             self.request(Session.refuse_command, str(error), key='command', stop=True)
         else:
-            is_stop = any(value is not None and not math.isfinite(value) for value in values)
-            self.request(Session.set_command, values, key='command', stop=is_stop)
+            sound = tuple(each if math.isfinite(each or 0.0) else None for each in values)
+            if sound != values:  # a stop of that axis, and no news of the other one
+                others = zip(values, sound, strict=True)
+                unsound = tuple(None if each == value else each for each, value in others)
+                self.request(Session.set_command, unsound, key='command', stop=True)
+            self.request(Session.set_command, sound, key='command')
 
     def _on_enable(self, message: Any) -> None:
         self.request(Session.set_enable, message.data, stop=not message.data)

@@ -15,9 +15,11 @@ NodeT = TypeVar('NodeT', bound=BridgeNode[Any])
 
 
 @contextlib.contextmanager
-def alone(kind: Callable[..., NodeT], context: Any) -> Iterator[NodeT]:
+def alone(kind: Callable[..., NodeT], context: Any, **parameters: Any) -> Iterator[NodeT]:
     """Give a node that counts as active; its link's part is the test's."""
-    node = kind(context=context, parameter_overrides=[Parameter('autostart', value=False)])
+    given = {'autostart': False, **parameters}
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    node = kind(context=context, parameter_overrides=overrides)
     node.link.stop()
     node.take_parameters(node.values)
     node.active = True

@@ -270,9 +270,12 @@ class ProcessLink(Link):
         told = []
         for event in events:
             if isinstance(event, StopChanged):
-                self._state.said(event.verdict)
-                if not event.verdict.estop:
+                verdict = event.verdict
+                self._state.said(verdict)
+                if not verdict.estop:
                     continue  # a stop may be behind it: see Supervisor.recovered
+                if self._state.trouble:  # one of less than all, as of one axis, ends none of that
+                    event = StopChanged(Verdict.stop(*verdict.reasons, link_up=verdict.link_up))
             told.append(event)
         self._owner.on_events(told, now)
 

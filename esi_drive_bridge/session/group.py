@@ -278,7 +278,8 @@ class AxisGroup:
         self._enable_values[topic] = value
         is_true = all(self._enable_values.values())
         stops = () if is_true and self.gate.is_open else self._stops(now)  # they change nothing
-        vain = self.gate.hear_enable(is_true, now, stops)
+        # True beside another topic's false is no half of an edge: that may be of before a stop.
+        vain = self.gate.hear_enable(None if value and not is_true else is_true, now, stops)
         if self.gate.state is State.SHUT and self.phase in _ACTIVE:
             self.watch(now)
         elif self.gate.state is State.WAITING and self.phase is Phase.DISABLED:

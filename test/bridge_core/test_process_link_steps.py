@@ -115,6 +115,24 @@ def test_owner_that_fails_at_each_event_goes_on_to_be_paced(
     assert 0.9 < bench.now - fault_at < 1.1
 
 
+def test_stop_of_less_than_all_releases_nothing_before_trouble_ends(bench: LinkBench) -> None:
+    """One axis of a drive may stop alone."""
+    bench.run()
+    bench.owner.faults = {'on_events'}
+    bench.say('event')
+    bench.step()
+    bench.owner.faults.clear()
+    bench.owner.verdicts.clear()
+    fault_at = bench.now
+    less = Verdict(True, False)
+    bench.say(StopChanged(less))
+    while less not in bench.owner.verdicts:
+        bench.beat()
+        bench.step()
+    assert 0.9 < bench.now - fault_at < 1.1
+    assert bench.owner.verdicts == [Verdict.stop(), less]
+
+
 def test_stop_that_the_owner_fails_at_is_told_again(bench: LinkBench) -> None:
     bench.run()
     bench.owner.faults = {'on_events', 'link_changed'}

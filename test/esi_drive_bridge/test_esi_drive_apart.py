@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from bridge_core.mux_words import MuxWords
 from bridge_core.session import Answer
 from esi_drive_bridge.session import AxesVerdict, EnabledChanged, Phase, Stopped
 from stage.esi_drive_rig import (
@@ -25,6 +26,7 @@ from stage.esi_drive_rig import (
     status,
     Step,
 )
+from stage.proving_mux import MUX, ProvingMux
 
 A, B = 'axis A', 'axis B'
 
@@ -176,6 +178,23 @@ def test_edge_is_that_of_both_enables_in_any_order(rig: Apart, order: tuple[int,
     assert any('is not true' in text for text in rig.session.inhibits(rig.now))
     play(rig, *rises[order[1]])
     assert rig.phases()[1] is Phase.ENABLING
+
+
+def test_own_enable_that_goes_on_to_be_true_is_no_half_of_an_edge() -> None:
+    """The common one rises, axis B stops for a moment, and then comes the proof that it rose."""
+    rig, mux = Apart(mux=MuxWords(MUX, identity=1)), ProvingMux()
+
+    def prove(rig: Rig) -> None:
+        mux.reach(rig.session, rig.events, rig.now)
+        rig.events.clear()
+
+    proven: list[Step] = [1, prove] * 20
+    play(rig, *proven)
+    mux.say(rig.now, enable=True)
+    blip = said((0, 0), (2, 0x20)), IDLE
+    play(rig, {'enable': True}, ask('set_enable', True), *blip, *proven)
+    assert rig.phases() == [Phase.ENABLING, Phase.DISABLED]
+    assert rig.session.inhibits(rig.now)[0] == f'{B}: enable must go false, then true again'
 
 
 CLEARS: dict[str, tuple[list[Step], list[tuple[str, bool]]]] = {
