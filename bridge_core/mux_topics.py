@@ -17,6 +17,7 @@ from std_msgs.msg import UInt8MultiArray
 from bridge_core.actuator import ActuatorSession
 from bridge_core.mux_words import MUX
 from bridge_core.parameters import ParameterError
+from bridge_core.proof import LARGEST
 from bridge_core.proof_topics import PROOF_QOS
 from bridge_core.session import Asked
 
@@ -54,8 +55,9 @@ class MuxTopics:
 
     def _on_proof(self, message: Any, info: Any) -> None:
         del info
+        data = bytes(message.data[: LARGEST + 1])  # what is longer is none, wherever it is cut
         # As a stop: none may be dropped, and its age is judged by what is in it.
-        self._node.request(ActuatorSession.hear_proof, bytes(message.data), stop=True)
+        self._node.request(ActuatorSession.hear_proof, data, stop=True)
 
     def ask(self, event: Asked) -> None:
         """Publish a challenge."""

@@ -55,6 +55,7 @@ _CHALLENGE = struct.Struct('<2sBxQq')
 _PROOF = struct.Struct('<2sBBQQIIqI')
 _ANSWER = struct.Struct('<Qq')
 _CRC = struct.Struct('<I')
+LARGEST = _PROOF.size + _MOST_READERS * _ANSWER.size + _CRC.size  # bytes of a proof
 _VERSION = 1
 _ESTOP, _OWN_ESTOP, _ENABLE = 1, 2, 4
 _UNKNOWN = 0xFFFFFFFF  # ms

@@ -116,6 +116,7 @@ PARAMETERS = (
         [''],
         f'What is connected, in the order of output_lines: {", ".join(OUTPUTS)}. Empty: nothing.',
         choices=('', *OUTPUTS),
+        fixed=True,  # without outputs the node does not listen to state_topic
         section='outputs: lines are coils from 0, or offsets on the chip',
     ),
     Parameter(

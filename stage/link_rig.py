@@ -28,6 +28,8 @@ PACE = 0.02
 class FakeTransport:
     """A port on a socket pair; ``faults`` names the methods that fail, and with what."""
 
+    is_pumped = False
+
     def __init__(self, name: str = 'port') -> None:
         self.name = name
         self.faults: dict[str, Exception] = {}

@@ -95,12 +95,21 @@ class Active(Generic[FrameT]):
             self._deliver(self.session.receive(data, now), now)
             self._show(False, [data], now)
 
-    def discard(self) -> None:
-        """Discard what waits: it is old. :raises TransportError: the port is gone."""
+    def discard(self) -> bool:
+        """
+        Discard what waits: it is old. Tell whether that is possible.
+
+        What threads carry waits before them, too, where nobody sees it.
+
+        :raises TransportError: the port is gone.
+        """
+        if getattr(self.transport, 'is_pumped', False):  # serial ports and CAN may be
+            return False
         for _ in range(_DISCARD_READS):
             if not ready([self.transport.fileno()], 0.0):
                 break
             self.transport.receive()
+        return True
 
     def say_farewell(self, now: float) -> str:
         """Send the farewell; return why not all of it went out."""

@@ -81,6 +81,11 @@ class CanTransport:
         # When others were heard last, and since when, without a gap of _TAKE_TIMEOUT.
         self._heard_at = self._heard_since = -math.inf
 
+    @property
+    def is_pumped(self) -> bool:
+        """Tell whether threads carry what comes, and more may wait before them."""
+        return self._interface not in ('socketcan', 'udp_multicast')
+
     def counts(self) -> dict[str, int | str]:
         """Return what was received but not handed up, by kind, since construction."""
         return {**self._counts, **({'device': self.device} if self.device else {})}

@@ -68,6 +68,11 @@ class SerialTransport:
         self._fd = self._taken = -1
         self._line = Line()  # whose backlog counts
 
+    @property
+    def is_pumped(self) -> bool:
+        """Tell whether threads carry what comes, and more may wait before them."""
+        return self._pump is not None
+
     def counts(self) -> dict[str, int | str]:
         """Return who is there: no input is dropped."""
         return {'device': self.device} if self.device else {}

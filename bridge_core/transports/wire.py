@@ -21,7 +21,7 @@ import traceback
 from typing import Any, Generic
 
 from bridge_core import clock
-from bridge_core.reasons import passed_on
+from bridge_core.reasons import Coded, passed_on
 from bridge_core.report import LinkStatus, NOT_ACTIVE, Reporter
 from bridge_core.session import Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
@@ -332,13 +332,15 @@ class Wire(Generic[FrameT]):
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""
         assert self._active is not None
+        reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
+        reason += '; if it happens again, give the computer less work'
         try:
-            self._active.discard()
+            if self._active.discard():
+                self.interrupt(reason, now)
+            else:
+                self._lose(Coded('link.interrupted', reason), now, at_fault=True)
         except TransportError as error:
             self._lose(str(error), now)
-            return
-        reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
-        self.interrupt(f'{reason}; if it happens again, give the computer less work', now)
 
     def _is_opening(self) -> bool:
         """Tell whether a thread is at work to open the port of now."""

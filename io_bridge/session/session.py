@@ -138,7 +138,7 @@ class Session(BaseSession[bytes, Answer, Panel]):
             self._written = outputs
 
     def _begin(self, now: float) -> None:
-        self._turns.reset()
+        self._turns.reset(now)
         self._offered = self._written = None
         self._reads.start(now)
 

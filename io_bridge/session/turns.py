@@ -23,7 +23,8 @@ class Turns:
     Whose turn it is to speak.
 
     Answers without numbers: an answer that was lost leaves the line silent for as long again, so
-    that one that is late is not taken for that of the next question.
+    that one that is late is not taken for that of the next question. So is a line that opens: the
+    box may still owe one to whoever asked before.
 
     :param answer_time: s. :param gap: s before a question. :param numbered: answers have numbers.
     """
@@ -32,20 +33,20 @@ class Turns:
         self._answer_time = answer_time
         self._gap = gap
         self._numbered = numbered
-        self.reset()
+        self._waits = answer_time if numbered else 2.0 * answer_time  # s for an answer
+        self.reset(-math.inf)
         self.lost = self.unexpected = 0
 
-    def reset(self) -> None:
+    def reset(self, now: float) -> None:
         """Begin on a line of which nothing is known."""
         self._open: Question | None = None
-        self.free_at = -math.inf  # when the next question may go
+        self.free_at = now if self._numbered else now + self._waits  # when a question may go
 
     def asked(self, question: Question) -> None:
         """Note a question that went out."""
         self.lost += self._open is not None
         self._open = question
-        waits = self._answer_time if self._numbered else 2.0 * self._answer_time
-        self.free_at = question.at + waits
+        self.free_at = question.at + self._waits
 
     @property
     def over_at(self) -> float:

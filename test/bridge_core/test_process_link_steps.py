@@ -13,9 +13,14 @@ import pickle
 import socket
 import subprocess
 import traceback
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from std_msgs.msg import UInt8MultiArray
 
+from bridge_core.mux_topics import MuxTopics
+from bridge_core.mux_words import MuxWords
 from bridge_core.report import Report, Status
 from bridge_core.session import Level, StopChanged, Verdict
 from bridge_core.supervisor import Stage
@@ -334,6 +339,21 @@ def test_wire_that_does_not_take_a_stop_is_killed(bench: LinkBench, stop: bool) 
     bench.fill()
     assert bench.link.request(Call('request_stop', (True,)), stop=stop) == 0
     assert bench.child.kills == stop
+
+
+def test_proof_as_large_as_a_message_may_be_kills_no_wire(bench: LinkBench) -> None:
+    def request(method: Any, data: bytes, *, stop: bool) -> None:
+        bench.link.request(Call.of(method, data), stop=stop)
+
+    node: Any = SimpleNamespace(
+        request=request, resolve_topic_name=lambda _: '/mux/estop', values={'proof': 'auto'}
+    )
+    MuxTopics(node)._on_proof(UInt8MultiArray(data=bytes(1 << 23)), None)
+    assert not bench.child.kills
+    told: Any = bench.wire.take()[0].what
+    session = MuxWords('/mux')
+    assert session.hear_proof(*told.arguments, bench.now) is None
+    assert session.values(bench.now)['proofs damaged'] == 1
 
 
 def test_what_the_session_refuses_is_told(bench: LinkBench) -> None:

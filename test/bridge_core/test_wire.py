@@ -239,6 +239,24 @@ def test_input_of_a_freeze_is_discarded_without_a_wait_and_is_a_stop(bench: Wire
     assert bench.owner.told[-1] is False
 
 
+def test_port_whose_driver_may_keep_input_of_a_freeze_is_opened_anew(bench: WireBench) -> None:
+    bench.run()
+    bench.log()
+    bench.port.is_pumped = True
+    bench.port.say(b'old')
+    bench.late = 1.0
+    bench.step()
+    assert not bench.port.is_open
+    *farewell, lost, stop, closed = bench.log()
+    assert farewell == ['sent bye 1', 'sent bye 2']
+    assert lost.startswith('bad this node was held up for 1.0 s')
+    assert (stop, closed) == ('stop True', 'event closed')
+    bench.go_on(0.3)
+    assert bench.wire.status.is_open
+    bench.hear(b'new')
+    assert bench.session.received == b'xnew'
+
+
 @pytest.mark.parametrize(('late', 'stops'), [(0.2, False), (0.2001, True), (0.15, False)])
 def test_freeze_counts_from_a_fifth_of_a_second_on(
     bench: WireBench, late: float, stops: bool

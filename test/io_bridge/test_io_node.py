@@ -17,8 +17,11 @@ import time
 from typing import Any
 
 import pytest
+from rclpy.context import Context
+from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import Bool, Float64, String
 
+from io_bridge.node import IoBridge
 from rugged_teleop.ptys import PtyDevice
 from stage.devices import DRIVE, MUX, UNHURRIED, VSC
 from stage.modbus_server import ModbusBox
@@ -129,6 +132,15 @@ def test_what_is_not_installed_ends_the_node_with_one_line(
     with NodeProcess('', parameters, source=source) as node:
         assert node.process.wait(60.0) == 2
         assert words in node.output
+
+
+def test_outputs_that_would_hear_no_mux_are_refused(context: Context) -> None:
+    node = IoBridge(context=context)
+    try:
+        (given,) = node.set_parameters([RosParameter('outputs', value=['red'])])
+        assert given.reason == 'parameter outputs: restart the node to change it'
+    finally:
+        node.destroy_node()
 
 
 def test_tools_work_without_pymodbus() -> None:

@@ -264,6 +264,31 @@ def test_late_answer_without_a_number_is_not_that_of_the_next_question() -> None
     assert (turns.lost, turns.unexpected) == (1, 2)
 
 
+@pytest.mark.parametrize('answer_time', [0.05, 1.0])
+@pytest.mark.parametrize('again', [False, True], ids=['new session', 'port lost'])
+def test_answer_that_a_box_owes_as_its_port_opens_is_none(again: bool, answer_time: float) -> None:
+    given: dict[str, Any] = {'answer_time': answer_time, 'link_timeout': 5.0}
+    session = asked = modbus(**given)
+    owed_at = 10.0 + 0.9 * answer_time
+    asked.closed(10.01)
+    if not again:
+        session = make_session(values_of(PARAMETERS, **given))
+    now, frames = 10.02, session.opened(10.02)[1]
+    while now < owed_at:
+        for frame in frames:
+            session.sent(frame, now)
+        now = min(owed_at, max(now + 0.001, session.deadline()))
+        frames = session.poll(now)[1]
+    session.receive(inputs(*RELEASED), owed_at)
+    assert not session.link_up
+    while not frames:
+        now = session.deadline()
+        frames = session.poll(now)[1]
+    session.sent(frames[0], now)
+    session.receive(inputs(*RELEASED), now)
+    assert session.link_up
+
+
 def test_answer_with_the_number_of_another_question_is_none() -> None:
     turns = Turns(0.05, 0.0, numbered=True)
     turns.asked(Question(7, True, 10.0))
@@ -372,7 +397,8 @@ def test_farewell_on_a_serial_line_leaves_its_silence_to_the_answer() -> None:
 
 def modbus(**changes: Any) -> Any:
     session = make_session(values_of(PARAMETERS, **changes))
-    _, (frame,) = session.opened(10.0)
+    session.opened(10.0 - 2.0 * session._settings.answer_time)
+    _, (frame,) = session.poll(10.0)
     session.sent(frame, 10.0)
     return session
 
