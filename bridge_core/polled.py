@@ -14,6 +14,8 @@ from rclpy.qos import QoSProfile
 
 from bridge_core.rclpy_inner import NotForExecutors, take_message
 
+_MOST = 100  # messages of a topic in a look
+
 
 class Polled:
     """
@@ -43,7 +45,9 @@ class Polled:
         self._topics.append((subscription, callback))
 
     def look(self) -> None:
-        """Take all that has come, topic after topic."""
+        """Take what has come, topic after topic; of a flood a part, or it would never end."""
         for subscription, callback in self._topics:
-            while (taken := take_message(subscription)) is not None:
+            for _ in range(_MOST):
+                if (taken := take_message(subscription)) is None:
+                    break
                 callback(taken[0])

@@ -332,10 +332,12 @@ class Vouched:
         self._set_back_at = -math.inf
 
     def prove(self, newest: int, as_of: float) -> None:
-        """Note a proof: its ``newest`` stamp, and as of when it is."""
+        """Note a proof: its ``newest`` stamp, 0 if there is none, and as of when it is."""
+        if not newest:
+            return
         if self._known and newest <= self._known[-1][0]:
             if newest < self._known[-1][0]:  # the writer's clock was set back
-                self._set_back_at = as_of if newest else -math.inf  # or it was restarted
+                self._set_back_at = max(as_of, self._known[-1][1])
                 self._known.clear()
             else:
                 self._known.pop()

@@ -175,7 +175,7 @@ def check(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
     if values['interface'] == 'effort':
         _check_effort(values)
     _check_unused(values)
-    _check_proofs(values)
+    _check_proofs(values, resolved)
     twist = values['autonomy.type'] != 'JointState'
     sideways = values['output'] != 'joints' and len(values['joints']) == 3
     if values['autonomy.topic'] and twist and len(values['joints']) != 2 and not sideways:
@@ -264,8 +264,8 @@ def _check_unused(values: Mapping[str, Any]) -> None:
             raise ParameterError(f'parameter {name} = {values[name]!r}: is not used; only {user}')
 
 
-def _check_proofs(values: Mapping[str, Any]) -> None:
-    """Refuse to wait for proofs where nobody would look for any."""
+def _check_proofs(values: Mapping[str, Any], resolved: Callable[[str], str]) -> None:
+    """Refuse to wait for proofs where nobody would look for any, or could ask for them."""
     for each in provable(values):
         topic, ending = values[each.topic], ENDINGS[each.kind]
         if values[each.policy] == 'required' and not topic.endswith(ending):
@@ -273,6 +273,10 @@ def _check_proofs(values: Mapping[str, Any]) -> None:
                 f"parameter {each.policy} = 'required': {topic!r} does not end with {ending}: "
                 'there is no ~/proof beside it'
             )
+        full = resolved(topic)
+        if values[each.policy] != 'none' and full.endswith(ending):
+            challenge = f'{full.removesuffix(ending)}/challenge'
+            _full(f'parameter {each.topic} = {topic!r}, whose ~/challenge is', challenge, resolved)
 
 
 def _outputs(values: Mapping[str, Any]) -> Iterator[str]:

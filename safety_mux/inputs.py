@@ -84,7 +84,7 @@ class Input:
         """Record that what it says is no older than this moment; -inf: nobody knows how old."""
         if self.age is None:
             self.age = Watchdog(self.age_limit)
-        elif self.age.heard and self.age.expired(now):
+        elif self.age.expired(now):
             self._break(self._old('was', now))
         if as_of > -math.inf:
             self.age.feed(as_of)

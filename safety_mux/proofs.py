@@ -86,6 +86,7 @@ class ProvenNode:
 
     def hear(self, data: bytes, now: float) -> bool:
         """Take a proof; tell whether it is a stop, for which to decide at once."""
+        before = self.reader.writer
         heard = self.reader.hear(data, now)
         self._look(now)
         if heard is None:
@@ -96,6 +97,11 @@ class ProvenNode:
             self._of_device = heard.age
         for kind, name in self.inputs:
             self._pass_on(kind, name, heard, now)
+        if before not in (None, self.reader.writer):
+            text = Coded('mux.input.restarted', f'{self.name} was restarted', node=self.name)
+            for kind, name in self.inputs:
+                self._arbiter.set_invalid(kind, name, 'restarted', text)
+                self._arbiter.set_invalid(kind, name, 'restarted', None)
         return heard.stopped and self._arbiter.state is not State.STOPPED
 
     def _pass_on(self, kind: Kind, name: str, heard: Heard, now: float) -> None:

@@ -18,6 +18,7 @@ from bridge_core.reasons import Coded
 
 MOST_OF_A_JOINT = 1e6  # the greatest limit that a joint may have
 AUTONOMY = 'autonomy'  # the owner's name while no operator has control
+NOBODY = 'none'  # in ~/status, while nobody has
 
 Demand = tuple[float, ...]
 # Of a stop: labels of inputs, ``motion`` that nobody asked for, ``stall``, ``hold``, ``trip``.

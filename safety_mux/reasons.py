@@ -56,6 +56,9 @@ mux.input.unproven: stop, integrator: {name} does not prove its age
     … is old: its node proves no age: look at the network to it, and at its version
     -> Look whether its ~/proof comes
     -> A foreign node: set proof to auto
+mux.input.restarted: stop, technician: {node} was restarted
+    … is invalid: … was restarted
+    -> Find out why it ended
 mux.input.creeping: note, technician: What {node} says grows old
     what … says was up to … old, the limit of … is …: look at the network to it
     -> Look for a queue on the network to it

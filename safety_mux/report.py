@@ -12,7 +12,7 @@ from bridge_core.reasons import Coded, passed_on, to_values
 from bridge_core.session import Level
 from bridge_core.watchdog import in_words
 from safety_mux.commissioned import Tried
-from safety_mux.protocol import ProofReport, State, Status
+from safety_mux.protocol import NOBODY, ProofReport, State, Status
 from safety_mux.reasons import REASONS
 
 # Nodes that look at a command and move nothing by it: the package's own, and tools of ROS.
@@ -119,7 +119,7 @@ def _fields(status: Status) -> dict[str, Any]:
     """Return what programs read."""
     values: dict[str, Any] = {
         'state': status.state.value,
-        'owner': status.owner or 'none',
+        'owner': status.owner or NOBODY,
         'stopped by': ', '.join(status.last_transition.causes) or 'none',
         'stops clear': status.stops_clear,
         'operators at rest': status.operators_at_rest,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import re
 from typing import Literal
 
-from safety_mux.protocol import AUTONOMY
+from safety_mux.protocol import AUTONOMY, NOBODY
 
 ProofPolicy = Literal['auto', 'required', 'none']  # whether a node proves how old its words are
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')  # names become parts of topics: ~/stop_demand/<name>
@@ -56,8 +56,8 @@ class Operator:
 
     def __post_init__(self) -> None:
         _check_name(f"operator '{self.name}'", self.name)
-        if self.name == AUTONOMY:
-            raise ValueError(f"an operator cannot be named '{AUTONOMY}'")
+        if self.name in (AUTONOMY, NOBODY):
+            raise ValueError(f"an operator cannot be named '{self.name}'")
 
 
 @dataclass(frozen=True, slots=True)

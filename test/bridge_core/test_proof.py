@@ -305,8 +305,10 @@ def test_writer_that_was_restarted_has_stopped_and_proves_its_age_anew() -> None
 def test_message_is_as_old_as_the_newest_proof_by_which_it_was_the_newest() -> None:
     vouched = Vouched()
     assert vouched.as_of(5) == -math.inf
-    vouched.prove(0, 1.0)
+    vouched.prove(0, 0.5)  # it has said nothing
+    vouched.prove(50, 1.0)
     vouched.prove(100, 2.0)
+    assert vouched.as_of(49) == -math.inf
     assert (vouched.as_of(99), vouched.as_of(100), vouched.as_of(101)) == (1.0, 2.0, 2.0)
     vouched.prove(100, 3.0)  # it still is
     assert (vouched.as_of(99), vouched.as_of(100)) == (1.0, 3.0)
@@ -330,7 +332,9 @@ SECOND = 1_000_000_000  # ns
         ([(100, 1.0), (40, 2.0), (80, 42.0)], 99, 42.0),  # nothing is on its way for that long
         ([(100, 1.0), (40, 2.0), (100, 3.0)], 101, 3.0),  # and was set forth again
         ([(40, 1.0)], 100, 1.0),  # set forth alone
-        ([(100, 1.0), (0, 2.0)], 101, 2.0),  # restarted: it has said nothing yet
+        ([(100, 1.0), (0, 2.0)], 100, 1.0),  # of before a restart: it has said nothing since
+        ([(100, 1.0), (0, 2.0), (101, 2.5)], 101, 2.5),
+        ([(100, 1.0), (0, -math.inf), (40, -math.inf), (45, 2.0)], 99, -math.inf),
     ],
 )
 def test_message_of_before_the_clock_was_set_back_is_old_however_late_it_comes(

@@ -55,6 +55,28 @@ def test_challenges_since_the_last_answer_get_one_proof() -> None:
     assert [each.answers for each in node.said] == [((1, 2),)]
 
 
+def test_flood_of_challenges_keeps_no_thread_from_all_else_that_it_does() -> None:
+    node = FakeNode()
+    topics = ProofTopics(node)
+    node.asked = Flood(())
+    topics.answer(NOW)
+    assert len(node.said) == 1
+
+
+class Flood(list[Any]):
+    """As fast as it is read there is another one."""
+
+    taken = 0
+
+    def __bool__(self) -> bool:
+        return True
+
+    def pop(self, index: Any = -1) -> Any:
+        self.taken += 1
+        assert self.taken < 1000, 'it reads for ever'
+        return SimpleNamespace(data=Challenge(1, self.taken).to_bytes()), {}
+
+
 def test_answers_are_apart_however_many_ask_and_stops_and_enables_are_proven_at_once() -> None:
     node = FakeNode()
     topics = ProofTopics(node, apart=0.02)

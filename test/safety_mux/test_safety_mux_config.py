@@ -71,6 +71,7 @@ def test_name_that_is_no_part_of_a_topic_is_refused(make: Any, name: str) -> Non
     [
         (lambda: EStopSource('a', counts='when_owner'), 'name the operator'),
         (lambda: Operator('autonomy', 1), 'cannot be named'),
+        (lambda: Operator('none', 1), 'cannot be named'),  # nobody, in ~/status
         (
             lambda: Arbiter(
                 MuxConfig(**{**GIVEN, 'joints': 2}), JointLimiter([JointLimit(1.0, 1.0, 1.0)]), 0.0

@@ -17,6 +17,7 @@ from safety_mux.arbiter import Arbiter
 from safety_mux.configuration import check
 from safety_mux.inputs import DriveInput, SourceInput
 from safety_mux.limits import JointLimit, JointLimiter
+from safety_mux.owners import OperatorInput
 from safety_mux.parameters import parameter_table
 from safety_mux.proofs import proven_nodes
 from safety_mux.protocol import Age, OperatorSample, ProofReport, State
@@ -312,6 +313,21 @@ def test_words_that_were_old_between_two_ticks_are_a_stop_though_they_are_young_
     source.estop(False, 1.25)  # neither silent nor stale
     source.proof(proven(False, 1.375), 1.375)
     assert 'was old: what it says is up to 375 ms old' in (source.stop_reason(1.375) or '')
+
+
+@pytest.mark.parametrize('proof', ['required', 'auto'])
+def test_rest_on_words_that_nobody_proved_gives_no_control(proof: Any) -> None:
+    operator = OperatorInput(Operator('fort', 10, proof=proof), neutral_time=0.25)
+    if proof == 'auto':
+        operator.prove(1.0, 1.0)
+        operator.count_as_silent()  # the mux was frozen
+    for sixteenth in range(5):  # they may be of long ago
+        operator.sample(REST, 1.0 + sixteenth / 16)
+    assert operator.rested
+    operator.sample(DRIVE, 1.25)
+    operator.prove(1.25, 1.25)
+    assert not operator.pressed
+    assert 'its node proves no age' in (operator.lapse or '')
 
 
 # What the status says of it.

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from bridge_core.proof import PERIOD, Writer
+from bridge_core.proof import LATELY, PERIOD, Writer
+from bridge_core.watchdog import Watchdog
 from safety_mux.arbiter import Arbiter
 from safety_mux.limits import JointLimit, JointLimiter
 from safety_mux.proofs import proven_nodes
@@ -98,6 +99,27 @@ def test_second_node_of_the_name_vouches_for_nothing_and_tells_no_age() -> None:
     assert report.of_device == 0.5
     rig.node.hear(b'noise', rig.now)
     assert rig.node.report(rig.now).bad == (1, 0, 0)
+
+
+@pytest.mark.parametrize('what', [OPERATOR, FEEDBACK])
+def test_node_that_was_restarted_is_a_stop_by_all_that_it_is_however_long_it_may_be_silent(
+    what: tuple[Kind, str],
+) -> None:
+    rig = Rig()
+    each = rig.arbiter.input_of(*what)
+    each.age = Watchdog(10.0)  # the longest
+    rig.hear(what)
+    rig.turn(3)
+    each.ticked()
+    rig.writer = Writer(8)
+    rig.now += LATELY
+    rig.hear(what, 2)
+    rig.turn()
+    assert each.lapse is not None
+    assert 'was restarted' in each.lapse
+    each.ticked()
+    rig.turn()
+    assert each.lapse is None
 
 
 @pytest.mark.parametrize('what', [OPERATOR, FEEDBACK])
