@@ -54,7 +54,8 @@ _PROCESSES = (
     *('process_link_steps', 'process_link_starts', 'wire_process', 'process_link_exploration'),
 )
 _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
-# By file, or for all of a folder, before its files. What takes long comes last: most mutants are dead by then.
+# By file, or for all of a folder but for its files that follow. What takes long comes last: most
+# mutants are dead by then.
 _NAMES_OF_TESTS = {
     'bridge_core/framing.py': ('framing_counts', 'framing', 'framing_of_devices'),
     'bridge_core/packets.py': (
