@@ -79,7 +79,7 @@ class Topic:
     kind: Any
     callback: Callable[[Any, dict[str, Any]], object]
     raw: bool
-    urgent: bool = True
+    urgent: bool
     subscription: Any = None
     wanted: bool = True
 
@@ -106,9 +106,7 @@ class Waiter(ABC):
             self._guard.trigger()
 
     @abstractmethod
-    def wait(
-        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
-    ) -> None:
+    def wait(self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool) -> None:
         """
         Wait for messages, so many seconds at most, and call their callbacks.
 
@@ -207,9 +205,7 @@ class _WaitSetWaiter(Waiter):
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wait(
-        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
-    ) -> None:
+    def wait(self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool) -> None:
         if self._set is None or topics is not self._topics:
             self._make_set(topics)
         wait_set = self._set
@@ -292,9 +288,7 @@ class _ExecutorWaiter(Waiter):
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wait(
-        self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool = False
-    ) -> None:
+    def wait(self, topics: tuple[Topic, ...], timeout: float | None, *, urgent: bool) -> None:
         del topics, urgent
         self._executor.spin_once(timeout_sec=timeout)
 

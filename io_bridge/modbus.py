@@ -139,7 +139,7 @@ class Framing:
 
         def decode(frame: bytes) -> MessageT:
             _, of, number, body = self._framer.decode(frame)
-            message = self._decoder.decode(body) if body and unit in (None, of) else None
+            message = self._decoder.decode(body) if unit in (None, of) else None
             if message is None or self.build(message, of, number) != frame:
                 raise ChecksumError(frame.hex())
             return convert(message)

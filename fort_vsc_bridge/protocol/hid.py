@@ -38,13 +38,9 @@ _STOP_OF_ANYBODY = 0x8000_0000  # none of EStopBits: no echo, and of no source t
 # The protocol's other wires count to the right and forward, this one to the right, near and down.
 _SIGNS = (1, -1, -1, 1, -1, -1)
 _BROKEN = Button(None, InputState.ERROR)
-# Down, right, up, left by the pad's eighths: up, up and right, right ...; then not set.
-_PRESSED = (
-    *((0, 0, 1, 0), (0, 1, 1, 0), (0, 1, 0, 0), (1, 1, 0, 0)),
-    *((1, 0, 0, 0), (1, 0, 0, 1), (0, 0, 0, 1), (0, 0, 1, 1)),
-    (0, 0, 0, 0),
-)
-_PADS = (*(tuple(Button(on > 0) for on in pad) for pad in _PRESSED), *[(_BROKEN,) * 4] * 7)
+# Of down, right, up, left by the pad's eighths: up, up and right, right ...; then not set.
+_PRESSED = ((2,), (1, 2), (1,), (0, 1), (0,), (0, 3), (3,), (2, 3), ())
+_PADS = (*(tuple(Button(n in pad) for n in range(4)) for pad in _PRESSED), *[(_BROKEN,) * 4] * 7)
 
 
 def _axis(value: int) -> Axis:

@@ -42,7 +42,7 @@ def test_inner_api_is_known_of_the_distribution_that_runs(context: Context) -> N
     rclpy_inner.wrap_transitions(node, wrap)
     assert node.on_activate in seen
     rclpy_inner.wrap_change_state(node, wrap)
-    assert callable(seen[-1])
+    assert seen[-1] == node._service_change_state.callback
     node.destroy_node()
     assert hasattr(SingleThreadedExecutor, '_take_service')
 
