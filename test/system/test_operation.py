@@ -103,5 +103,8 @@ def test_lifecycle_manager_has_the_nodes_of_the_spine_and_no_bonds() -> None:
 def test_diagnostics_of_every_node_have_one_group() -> None:
     content = yaml.safe_load((ROOT / 'config' / 'diagnostics.yaml').read_text())
     groups = [g for g in content['analyzers']['ros__parameters'].values() if isinstance(g, dict)]
-    assert sorted(part for group in groups for part in group['contains']) == sorted(NODES)
+    assert sorted(part for group in groups for part in group['contains']) == sorted(
+        [*NODES, 'recorder']
+    )
     assert len({group['path'] for group in groups}) == len(groups)
+    assert not any('/' in group['path'] for group in groups), 'a branch'

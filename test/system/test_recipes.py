@@ -11,6 +11,7 @@ same file, and nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 import math
 from pathlib import Path
@@ -19,54 +20,23 @@ import time
 from typing import Any
 from xml.etree import ElementTree
 
-from geometry_msgs.msg import Twist, TwistStamped, Vector3
+from geometry_msgs.msg import Twist, TwistStamped
 import pytest
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-import yaml
 
 from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from stage.devices import Drive
 from stage.endings import first_of
-from stage.mux_talkers import MuxBench, sticks, TIMEOUT
+from stage.mux_talkers import sticks, TIMEOUT
+from stage.recipes import bench, file_of, parameters, RECIPES, twist, twist_mux_is_locked
 from stage.rig import latched, NodeProcess, Observer, ROOT
 from stage.talkers import Talker
 
 pytestmark = pytest.mark.waits(60)
-RECIPES = ROOT / 'config' / 'recipes'
 NAMES = sorted(path.stem for path in RECIPES.glob('*.yaml'))
-
-
-def file_of(recipe: str) -> Path:
-    return RECIPES / f'{recipe}.yaml'
-
-
-def parameters(recipe: str, node: str) -> Any:
-    """Return the parameters of a node, as its file has them."""
-    sections = yaml.safe_load(file_of(recipe).read_text(encoding='utf-8'))
-    return sections[f'/**/{node}']['ros__parameters']
-
-
-def bench(observer: Observer, recipe: str, *arguments: str, **options: Any) -> MuxBench:
-    """Start a mux with the recipe's file, as a busy machine and talkers, who prove nothing, do."""
-    given = parameters(recipe, 'safety_mux')
-    options |= dict.fromkeys(('estop__fort__proof', 'operator__fort__proof'), 'auto')
-    if 'drive' not in given['estop_sources']:
-        options['estop__drive__timeout'] = None
-    else:
-        ages = ('estop__drive__age_limit', 'drive_enabled_age_limit')
-        options |= dict.fromkeys(ages, TIMEOUT)
-    options.setdefault('autonomy__topic', given.get('autonomy', {}).get('topic'))
-    options.setdefault('drive_enabled_topic', given.get('drive_enabled_topic'))
-    return MuxBench(
-        observer, arguments=('--params-file', str(file_of(recipe)), *arguments), **options
-    )
-
-
-def twist(forward: float = 0.0, turn: float = 0.0) -> Twist:
-    return Twist(linear=Vector3(x=forward), angular=Vector3(z=turn))
 
 
 def stamped(forward: float = 0.0, turn: float = 0.0) -> TwistStamped:
@@ -301,45 +271,15 @@ def test_deadman_takes_over_from_nav2_and_control_does_not_return(base: Base) ->
 
 
 def test_stop_and_death_of_the_mux_lock_all_topics_of_twist_mux(observer: Observer) -> None:
-    mux = bench(observer, 'twist_mux')
-    mux.command = observer.record(Twist, f'{mux.name}/cmd_vel')
-    resolved = f'{mux.space}/{{}}'.format
-    base = observer.record(Twist, resolved('base/cmd_vel'))
-    docking = Talker(observer, Twist, resolved('docking/cmd_vel'), twist(0.1), rate=20.0)
-    values = parameters('twist_mux', 'twist_mux')
-    twist_mux = TwistMux(observer, values, resolved('base/cmd_vel'), resolved)
-
-    def is_silent() -> None:
-        since = time.monotonic()  # some of it may still be on its way
-        mux.wait(lambda: time.monotonic() > max([since, *base.times]) + 0.3, 'silence')
-        base.clear()
-        observer.holds_for(lambda: not base.messages, 0.5, 'silence')
-
-    try:
-        mux.wait(mux.is_stopped, 'STOPPED')
-        is_silent()  # from the start
-        mux.ready()
-        mux.wait(lambda: base.messages and base.last == twist(0.1), 'docking')
-        docking.pause()
-        mux.wait(lambda: base.last == twist(), 'the zero of the mux')
-        mux.joy.message = sticks(deadman=True)
-        mux.wait(lambda: mux.says('ACTIVE'), 'ACTIVE')
-        mux.joy.message = sticks(1.0, deadman=True)
-        mux.wait(lambda: base.last == twist(0.5), 'the operator')
-        docking.resume()
-        mux.wait(lambda: base.last == twist(0.1), 'docking, past the mux')
-        mux.fort_estop.publisher.publish(Bool(data=True))
-        mux.wait(mux.is_stopped, 'STOPPED')
-        is_silent()
-        mux.joy.message = sticks()
-        mux.ready()
-        mux.wait(lambda: base.messages and base.last == twist(0.1), 'docking')
-        mux.node.signal(SIGKILL)
-        is_silent()
-    finally:
+    @contextmanager
+    def stand_in(space: str) -> Iterator[None]:
+        values, resolved = parameters('twist_mux', 'twist_mux'), f'{space}/{{}}'.format
+        twist_mux = TwistMux(observer, values, resolved('base/cmd_vel'), resolved)
+        yield
         twist_mux.leave()
-        docking.leave()
-        mux.close()
+
+    for _ in twist_mux_is_locked(observer, stand_in):
+        pass
 
 
 # diff_drive_controller.
