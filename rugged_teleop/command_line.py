@@ -11,6 +11,7 @@ import errno
 import importlib.util
 import os
 import re
+import signal
 import sys
 from typing import Any, NoReturn
 
@@ -20,6 +21,7 @@ from bridge_core.output import escape_what_is_no_text
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
 RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
 
+INTERRUPTED = 128 + signal.SIGINT  # the exit status, as a shell reports it
 # By module, the package that brings it, and those that are wanted beside it soon.
 _PACKAGES = {
     'rclpy': 'ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp',
@@ -67,6 +69,7 @@ def standard_streams(prog: str) -> Iterator[None]:
     Closed ones become /dev/null, and what cannot be encoded, such as the name of a file that is no
     text, an escape. A reader that leaves, as head does, has seen enough: exit status 0, or the one
     that the command had come to. Where there is no room for what is printed, a line says so: 2.
+    Ctrl-C ends it without a word: INTERRUPTED.
     """
     fill_standard_descriptors()
     for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
@@ -78,6 +81,8 @@ def standard_streams(prog: str) -> Iterator[None]:
             yield
         finally:
             sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
     except OSError as error:
         if not is_of_output(error):
             raise

@@ -58,12 +58,7 @@ def parser(prog: str) -> Parser:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop decode') -> None:
     """Decode files; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
-    try:
-        status = _decode(options, prog)
-    except KeyboardInterrupt:
-        status = 130
-    sys.exit(status)
+    sys.exit(_decode(parser(prog).parse_args(arguments), prog))
 
 
 def _decode(options: argparse.Namespace, prog: str) -> int:
@@ -117,7 +112,3 @@ def _copy(
         if picture is not None:
             picture.add(entry)
         writer.write(capture.name, entry)
-
-
-if __name__ == '__main__':
-    main()

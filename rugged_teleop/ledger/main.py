@@ -132,7 +132,3 @@ def _export(columns: Sequence[dict[str, Any]]) -> None:
         writer.writerow(
             {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in each.items()}
         )
-
-
-if __name__ == '__main__':
-    main()

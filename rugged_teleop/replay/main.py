@@ -65,7 +65,3 @@ def _replay(tolerance: float | None, recording: Loaded) -> int:
             print(line)
     differs = any(outcome.found for outcome in outcomes)
     return int(differs) if recording.whole else 2
-
-
-if __name__ == '__main__':
-    main()

@@ -68,7 +68,3 @@ def _check(tolerance: float, recording: Loaded) -> int:
     from rugged_teleop.why.check import judged  # late, as above
 
     return judged(recording, tolerance)
-
-
-if __name__ == '__main__':
-    main()
