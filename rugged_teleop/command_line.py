@@ -103,6 +103,11 @@ def is_of_output(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.ENOSPC)
 
 
+def reason_of(error: BaseException) -> object:
+    """Return what to say of an error, behind the name of the file that it is of."""
+    return error.strerror if isinstance(error, OSError) else error
+
+
 def full_name(text: str) -> str:
     """Read the full name of a node, as the ``type`` of an argument; a slash may be left out."""
     name = '/' + text.removeprefix('/')
