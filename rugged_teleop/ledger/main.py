@@ -13,6 +13,7 @@ cannot be read.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator, Sequence
 import csv
 from datetime import datetime, timezone
@@ -55,8 +56,11 @@ def parser(prog: str) -> Parser:
 
 
 def utc_time(text: str) -> str:
-    """Return a time as it stands in lines. :raises ValueError: it is none."""
-    at = datetime.fromisoformat(text)
+    """Return a time as it stands in lines."""
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text} is no time such as 2026-11-22') from None
     at = at if at.tzinfo else at.replace(tzinfo=timezone.utc)
     return at.astimezone(timezone.utc).isoformat(timespec='milliseconds')
 
