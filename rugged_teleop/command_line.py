@@ -4,7 +4,7 @@
 """What the commands have in common on the command line."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import contextlib
 from datetime import datetime
 import errno
@@ -59,6 +59,12 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with status 2."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+    def parse_mixed(self, arguments: Sequence[str] | None) -> argparse.Namespace:
+        """Parse options and files in any order; behind ``--`` all are files."""
+        words = sys.argv[1:] if arguments is None else arguments
+        # Intermixed, argparse forgets the --.
+        return (self.parse_args if '--' in words else self.parse_intermixed_args)(words)
 
 
 @contextlib.contextmanager

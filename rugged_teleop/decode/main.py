@@ -58,7 +58,7 @@ def parser(prog: str) -> Parser:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop decode') -> None:
     """Decode files; the command's entry point."""
-    sys.exit(_decode(parser(prog).parse_args(arguments), prog))
+    sys.exit(_decode(parser(prog).parse_mixed(arguments), prog))
 
 
 def _decode(options: argparse.Namespace, prog: str) -> int:

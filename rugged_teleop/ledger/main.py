@@ -67,7 +67,7 @@ def utc_time(text: str) -> str:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop ledger') -> None:
     """Do it; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
+    options = parser(prog).parse_mixed(arguments)
     reader, digests = Reader(Head()), {}
     columns: list[dict[str, Any]] = []
     try:
