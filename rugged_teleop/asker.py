@@ -35,14 +35,14 @@ class Visitor:
     A node for a while, in a context of its own, with no parameters and no log; a context manager.
 
     :param name: of the node; one that begins with an underscore is hidden from lists.
-    :param signals: who handles SIGINT and SIGTERM; ROS ends its waits by default.
+    :param signals: who handles SIGINT and SIGTERM; by default they end it as any other command.
     :param beside: another one, whose context it shares: when either spins, both hear.
     """
 
     def __init__(
         self,
         name: str,
-        signals: SignalHandlerOptions = SignalHandlerOptions.ALL,
+        signals: SignalHandlerOptions = SignalHandlerOptions.NO,
         beside: Visitor | None = None,
     ) -> None:
         self._is_alone = beside is None

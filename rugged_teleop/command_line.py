@@ -4,13 +4,14 @@
 """What the commands have in common on the command line."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import contextlib
 from datetime import datetime
 import errno
 import importlib.util
 import os
 import re
+import signal
 import sys
 from typing import Any, NoReturn
 
@@ -20,6 +21,7 @@ from bridge_core.output import escape_what_is_no_text
 # Begins a command that runs a module; from Python 3.11 it imports nothing from where it starts.
 RUN_MODULE = (sys.executable, *(('-P',) if sys.version_info >= (3, 11) else ()), '-m')
 
+INTERRUPTED = 128 + signal.SIGINT  # the exit status, as a shell reports it
 # By module, the package that brings it, and those that are wanted beside it soon.
 _PACKAGES = {
     'rclpy': 'ros-jazzy-rclpy ros-jazzy-common-interfaces ros-jazzy-rmw-fastrtps-cpp',
@@ -58,6 +60,12 @@ class Parser(argparse.ArgumentParser):
         """Exit with status 2."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
+    def parse_mixed(self, arguments: Sequence[str] | None) -> argparse.Namespace:
+        """Parse options and files in any order; behind ``--`` all are files."""
+        words = sys.argv[1:] if arguments is None else arguments
+        # Intermixed, argparse forgets the --.
+        return (self.parse_args if '--' in words else self.parse_intermixed_args)(words)
+
 
 @contextlib.contextmanager
 def standard_streams(prog: str) -> Iterator[None]:
@@ -67,6 +75,7 @@ def standard_streams(prog: str) -> Iterator[None]:
     Closed ones become /dev/null, and what cannot be encoded, such as the name of a file that is no
     text, an escape. A reader that leaves, as head does, has seen enough: exit status 0, or the one
     that the command had come to. Where there is no room for what is printed, a line says so: 2.
+    Ctrl-C ends it without a word: INTERRUPTED.
     """
     fill_standard_descriptors()
     for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
@@ -78,6 +87,8 @@ def standard_streams(prog: str) -> Iterator[None]:
             yield
         finally:
             sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
     except OSError as error:
         if not is_of_output(error):
             raise
@@ -96,6 +107,11 @@ def standard_streams(prog: str) -> Iterator[None]:
 def is_of_output(error: BaseException) -> bool:
     """Tell whether an error says that an output has lost its reader, or has no room."""
     return isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.ENOSPC)
+
+
+def reason_of(error: BaseException) -> object:
+    """Return what to say of an error, behind the name of the file that it is of."""
+    return error.strerror if isinstance(error, OSError) else error
 
 
 def full_name(text: str) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from rugged_teleop.command_line import is_of_output
+from rugged_teleop.command_line import is_of_output, reason_of
 
 if TYPE_CHECKING:
     from rugged_teleop.recordings import Said
@@ -106,15 +106,12 @@ def look_at(files: Sequence[Path], look: Callable[[Loaded], int], prog: str) -> 
         except (OSError, ValueError, ImportError) as error:
             if is_of_output(error):
                 raise
-            reason = error.strerror if isinstance(error, OSError) else error
-            print(f'{prog}: {path}: {reason}', file=sys.stderr)
+            print(f'{prog}: {path}: {reason_of(error)}', file=sys.stderr)
             status = 2
         else:
             for topic, count in recording.damaged.items():
-                print(
-                    f'# left out, as they are damaged: {count} messages of {topic}',
-                    file=sys.stderr,
-                )
+                text = f'{count} messages of {topic}'
+                print(f'# left out, as they are damaged: {text}', file=sys.stderr)
             if recording.cut:
                 print(f'# it is read up to here only: {recording.cut}', file=sys.stderr)
     return status

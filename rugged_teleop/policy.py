@@ -100,7 +100,3 @@ def _rights(node: Any, full: str) -> Iterator[tuple[str, str, set[str]]]:
         ('service', 'request', {each.service_name for each in node.clients}),
     ]
     yield from (each for each in rights if each[2])
-
-
-if __name__ == '__main__':
-    main()

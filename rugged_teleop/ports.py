@@ -14,6 +14,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from functools import partialmethod
 import os
 import queue
 import random
@@ -192,12 +193,6 @@ class DevicePort(ABC):
 
     # -- our own commands, on the device's thread ------------------------------------------------
 
-    def _do_drop(self, *words: str) -> None:
-        self._set_odds('drop', words)
-
-    def _do_corrupt(self, *words: str) -> None:
-        self._set_odds('corrupt', words)
-
     def _do_delay(self, seconds: str, direction: str = '') -> None:
         value = _number(seconds, 10.0)
         for line in self._chosen(direction):
@@ -219,7 +214,7 @@ class DevicePort(ABC):
         self._stalled = False
         self._do_plug()
 
-    def _set_odds(self, name: str, words: Sequence[str]) -> None:
+    def _set_odds(self, name: str, *words: str) -> None:
         counted = words[:1] == ('next',)
         value, direction = [*words[counted:], ''][:2]
         if len(words) > counted + 2:
@@ -229,6 +224,8 @@ class DevicePort(ABC):
             raise ValueError('not below 0')
         for line in self._chosen(direction):
             setattr(line, name + '_next' * counted, number)
+
+    _do_drop, _do_corrupt = partialmethod(_set_odds, 'drop'), partialmethod(_set_odds, 'corrupt')
 
     def _chosen(self, direction: str) -> list[FaultyLine]:
         return [self._lines[direction]] if direction else list(self._lines.values())

@@ -140,7 +140,7 @@ def _as_measured(options: argparse.Namespace) -> list[str]:
         lines = measured(Report(report, node))
     except OSError as error:
         raise ValueError(f'--as {path}: {error.strerror}') from error
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError, UnicodeError) as error:
         raise ValueError(f'--as {path}: is no report: {error!r}') from error
     if not lines:
         raise ValueError(f'--as {path}: nothing of {node} was measured: do its steps first')
@@ -212,7 +212,7 @@ def _lines(device: DevicePort, verbose: bool) -> Iterator[str]:
         if ready(descriptors, _VERBOSE_PERIOD if verbose else None):
             data = os.read(descriptors[0], 4096)
             if not data:
-                descriptors = []
+                descriptors, data = [], b'\n'  # the last line may have no end
             *lines, text = (text + data.decode(errors='replace')).split('\n')
             yield from lines
         if verbose:

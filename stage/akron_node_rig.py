@@ -10,15 +10,16 @@ import contextlib
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from rugged_teleop.canbuses import CanBusDevice, frames
 from stage.can_rig import CanBus
-from stage.rig import latched, NodeProcess, Observer, Record
-from stage.talkers import values_of
+from stage.devices import Exchangeable
+from stage.node_bench import BridgeBench
+from stage.rig import latched, NodeProcess, Observer
 
 NAME = 'akron_can_bridge'
 START_LIMIT = 60.0  # a process may take long to start
@@ -27,66 +28,38 @@ MOVE = Joy(axes=[-0.5, 0.0])  # 50 % right
 RIGHT = bytes.fromhex('107D010000000000')  # by hand from the manual's example
 
 
-class Place:
-    """A place on the bus, where a device can be exchanged: all others take it for that device."""
-
-    def __init__(self, simulator: Any) -> None:
-        self.simulator = simulator
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.simulator, name)
-
-
-class Station(CanBusDevice):
-    """A simulator on the bus."""
+class Station(Exchangeable, CanBusDevice):
+    """A simulator on the bus, which all others take for the one that it was exchanged for."""
 
     def __init__(self, simulator: Any, bus: CanBus) -> None:
-        self._place: Any = Place(simulator)
-        super().__init__(self._place, bus.channel, interface=bus.interface)
-
-    def exchange(self, simulator: Any) -> None:
-        """Put another device into its place, with nothing on record."""
-        self.call(lambda device, now: setattr(self._place, 'simulator', simulator))
-        self.since = time.monotonic()
-
-    def steer(self, *lines: str) -> float:
-        """Steer the simulator; return the moment."""
-        return [self.apply(line) for line in lines][-1]
+        super().__init__(simulator, bus.channel, interface=bus.interface)
 
     def look(self, key: str) -> Any:
         """Return something of what can be seen of it."""
         return self.describe()[key]
 
-    since = 0.0
-
     def joystick_frames(self, source: int) -> list[bytes]:
         """Return the data of what it heard of a joystick."""
         identifier = 0x0CFDD600 | source
-        return [f.data for f in frames(self.received(self.since)) if f.identifier == identifier]
+        return [f.data for f in frames(self.received()) if f.identifier == identifier]
 
 
-class Bench:
+class Bench(BridgeBench):
     """A node and what it publishes; ``drive`` keeps its inputs coming."""
 
     def __init__(self, observer: Observer, node: NodeProcess, namespace: str = '') -> None:
-        self.observer, self.node = observer, node
-        self.prefix = f'{namespace}/{NAME}'
-        self.estop = self._record(Bool, 'estop', latched())
-        self.joint_states = self._record(JointState, 'joint_states')
-        self.joy = self._record(Joy, 'joy')
-        self.limits = self._record(DiagnosticStatus, 'limits', latched())
-        self.outputs = self._record(DiagnosticStatus, 'outputs', latched())
-        self.device = self._record(DiagnosticStatus, 'device', latched())
-        self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
+        super().__init__(observer, node, f'{namespace}/{NAME}')
+        self.joint_states = self.record(JointState, 'joint_states')
+        self.joy = self.record(Joy, 'joy')
+        self.limits = self.record(DiagnosticStatus, 'limits', latched())
+        self.outputs = self.record(DiagnosticStatus, 'outputs', latched())
+        self.device = self.record(DiagnosticStatus, 'device', latched())
         self._cmd_joy: Any = None
         self._estop_in: Any = None
         self.commanding = True
         self._at = 0.0
         self.asked = Joy(axes=[0.0, 0.0])
         self.stop = False
-
-    def _record(self, kind: Any, name: str, qos: Any = 10) -> Record:
-        return self.observer.record(kind, f'{self.prefix}/{name}', qos)
 
     def connect(self) -> Bench:
         """Wait for topics and unit, with the stick at rest."""
@@ -100,25 +73,22 @@ class Bench:
         self.wait(lambda: self.joint_states.last is not None, 'positions')
         self.wait_stop(False)
         for record in (self.limits, self.outputs):
-            self.wait(lambda record=record: record.last is not None, record.topic)  # type: ignore[misc]
+            self.wait(lambda record=record: record.last is not None, record.topic)
         return self
 
     def _publisher(self, kind: Any, name: str) -> Any:
-        publisher = self.observer.node.create_publisher(kind, f'{self.prefix}/{name}', 10)
+        publisher = self.observer.node.create_publisher(kind, f'{self.name}/{name}', 10)
         self.wait(publisher.get_subscription_count, 'a subscriber', START_LIMIT)
         return publisher
 
-    def wait(self, condition: Callable[[], Any], what: str = 'it', limit: float = 20.0) -> None:
+    def wait(self, condition: Any, what: str = 'it', timeout: float = 20.0) -> Any:
         """Wait, and let command and e-stop input come at 50 Hz meanwhile."""
 
         def check() -> Any:
             self._feed()
             return condition()
 
-        self.observer.wait_for(check, limit, lambda: f'{what}\n{self.node.output}')
-
-    def wait_stop(self, stop: bool) -> None:
-        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
+        return super().wait(check, what, timeout)
 
     def drive(
         self,
@@ -145,20 +115,8 @@ class Bench:
 
         self.wait(stands, 'rest')
 
-    def status(self, part: str = 'device') -> Any:
-        """Return the newest diagnostic of ours."""
-        name = f'{self.prefix.lstrip("/")}: {part}'
-        for array in reversed(self.diagnostics.messages):
-            for status in array.status:
-                if status.name == name:
-                    return status
-        return DiagnosticStatus()
-
-    def value(self, key: str, part: str = 'device') -> str:
-        return values_of(self.status(part)).get(key, '')
-
     def call(self, service: str) -> Any:
-        return self.observer.call(Trigger, f'{self.prefix}/{service}', timeout=20.0)
+        return self.observer.call(Trigger, f'{self.name}/{service}', timeout=20.0)
 
     def _feed(self) -> None:
         now = time.monotonic()

@@ -78,7 +78,7 @@ _PortT = TypeVar('_PortT', bound=DevicePort)
 class Exchangeable(DevicePort):
     """A port whose simulator can be exchanged for another."""
 
-    _since = 0.0  # what is older does not count
+    since = 0.0  # what is older does not count
 
     @property
     def simulator(self) -> Any:
@@ -88,7 +88,7 @@ class Exchangeable(DevicePort):
     def exchange(self, simulator: Any) -> None:
         """Put another device at the end of the cable, plugged in, with nothing on record."""
         self.apply('clear')
-        self._since = self.swap(simulator)
+        self.since = self.swap(simulator)
 
     def swap(self, simulator: Any) -> float:
         """Put another device at the end of the cable; return the moment."""
@@ -101,7 +101,7 @@ class Exchangeable(DevicePort):
         return self.call(swap)
 
     def _recorded(self, direction: str, since: float) -> list[Chunk]:
-        return super()._recorded(direction, max(since, self._since))
+        return super()._recorded(direction, max(since, self.since))
 
 
 class Device(Exchangeable, PtyDevice):

@@ -13,12 +13,12 @@ from std_msgs.msg import Bool
 
 from esi_drive_bridge.simulator import Simulator
 from stage.devices import Drive
-from stage.rig import latched, NodeProcess, Observer
+from stage.node_bench import BridgeBench, started
+from stage.rig import latched, Observer
 from stage.run_delay import RunDelay
-from stage.talkers import Diagnostics, namespace, Talker
+from stage.talkers import Talker
 
 NAME = 'esi_drive_bridge'
-LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 STALE = 0.3  # a stale input is acted on well within this
 GAP = 1.0  # s; longer than a busy machine holds a drive's status up
 
@@ -27,7 +27,7 @@ def command(*values: float, names: tuple[str, ...] = ('left', 'right')) -> Joint
     return JointState(name=list(names), velocity=[float(value) for value in values])
 
 
-class Bench:
+class Bench(BridgeBench):
     """One bridge on one simulated drive, with the three inputs that a mux would give."""
 
     def __init__(
@@ -39,21 +39,12 @@ class Bench:
         patient: bool = True,
         **parameters: Any,
     ) -> None:
-        self.observer = observer
         self.drive = Drive(folder / 'drive', simulator)
-        space = namespace()
-        self.name = f'{space}/{NAME}'
-        self.node = NodeProcess(
-            f'{NAME}.node',
-            {'port': self.drive.path, 'slew_limit': [1e6], 'link_timeout': GAP, **parameters},
-            namespace=space,
-            terminal=terminal,
-            patient=patient,
-        )
-        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
-        self.enabled = observer.record(Bool, f'{self.name}/enabled', latched())
-        self.joints = observer.record(JointState, f'{self.name}/joint_states')
-        self.diagnostics = Diagnostics(observer, self.name)
+        given = {'port': self.drive.path, 'slew_limit': [1e6], 'link_timeout': GAP, **parameters}
+        node = started(NAME, parameters=given, terminal=terminal, patient=patient)
+        super().__init__(observer, *node)
+        self.enabled = self.record(Bool, 'enabled', latched())
+        self.joints = self.record(JointState, 'joint_states')
         self.command = Talker(observer, JointState, f'{self.name}/command', command(0, 0))
         self.enable = Talker(observer, Bool, f'{self.name}/enable')
         self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
@@ -82,16 +73,12 @@ class Bench:
         )
         self.holds(lambda: True, 0.2)
 
-    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
-        return self.observer.wait_for(condition, timeout, what)
-
     def holds(self, condition: Any, duration: float) -> None:
         self.observer.holds_for(condition, duration)
 
     def problems(self) -> str:
         """Return what the newest diagnostic of the device says is wrong now, and not last time."""
-        status = self.diagnostics.status(DEVICE)
-        return '' if status is None else str(status.message.partition('last stop: ')[0])
+        return self.told().partition('last stop: ')[0]
 
     def enabling(self, until: Callable[[], bool] = lambda: True) -> None:
         """
@@ -132,9 +119,6 @@ class Bench:
         """Return why the newest diagnostic says disabled, without what was so at the last stop."""
         return self.value('disabled because').partition('last stop: ')[0]
 
-    def value(self, key: str) -> str:
-        return self.diagnostics.value(DEVICE, key)
-
     def close(self) -> None:
-        self.node.__exit__(None, None, None)
+        super().close()
         self.drive.close()

@@ -19,11 +19,10 @@ from fort_vsc_bridge.simulator import CanSimulator, HidSimulator, Simulator
 from rugged_teleop.canbuses import CanBusDevice, frames, pack, unpack
 from stage.can_rig import CanBus
 from stage.devices import Device, Exchangeable
-from stage.rig import latched, NodeProcess, Observer
-from stage.talkers import Diagnostics, namespace
+from stage.node_bench import BridgeBench, LINK, started
+from stage.rig import latched, Observer
 
 NAME = 'fort_vsc_bridge'
-LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 
 
 class Station(Exchangeable, CanBusDevice):
@@ -70,30 +69,24 @@ class Station(Exchangeable, CanBusDevice):
         return frames(self.received())
 
 
-class NodeBench:
+class NodeBench(BridgeBench):
     """One bridge; ``vsc`` is what it is joined to, None for nothing."""
 
     def __init__(
         self, vsc: Any, where: dict[str, Any], observer: Observer, *, patient: bool = True
     ) -> None:
-        self.observer = observer
         self.vsc = vsc
-        space = namespace()
-        self.name = f'{space}/{NAME}'
-        self.node = NodeProcess(f'{NAME}.node', where, namespace=space, patient=patient)
-        record = observer.record
-        self.estop = record(Bool, f'{self.name}/estop', latched())
-        self.own_estop = record(Bool, f'{self.name}/own_estop', latched())
-        self.joy = record(Joy, f'{self.name}/joy', 50)
-        self.mode = record(String, f'{self.name}/mode', latched())
-        self.autonomy = record(String, f'{self.name}/autonomy_mode', latched())
-        self.strength = record(Int8, f'{self.name}/radio_strength', latched())
-        self.battery = record(BatteryState, f'{self.name}/battery', latched())
-        self.device = record(DiagnosticStatus, f'{self.name}/device', latched())
-        self.fix = record(NavSatFix, f'{self.name}/fix')
-        self.nmea = record(String, f'{self.name}/nmea')
-        self.user_values = record(KeyValue, f'{self.name}/user_values')
-        self.diagnostics = Diagnostics(observer, self.name)
+        super().__init__(observer, *started(NAME, parameters=where, patient=patient))
+        self.own_estop = self.record(Bool, 'own_estop', latched())
+        self.joy = self.record(Joy, 'joy', 50)
+        self.mode = self.record(String, 'mode', latched())
+        self.autonomy = self.record(String, 'autonomy_mode', latched())
+        self.strength = self.record(Int8, 'radio_strength', latched())
+        self.battery = self.record(BatteryState, 'battery', latched())
+        self.device = self.record(DiagnosticStatus, 'device', latched())
+        self.fix = self.record(NavSatFix, 'fix')
+        self.nmea = self.record(String, 'nmea')
+        self.user_values = self.record(KeyValue, 'user_values')
 
     def start_anew(self) -> None:
         """Have a fresh VSC with an operational remote, and hear that it is well."""
@@ -102,9 +95,6 @@ class NodeBench:
         self.wait_says(self.mode, 'Operational')
         self.wait_says(self.estop, False)
         self.wait(lambda: list(self.joy.since(since)), 'sticks')
-
-    def wait(self, condition: Any, what: str, timeout: float = 15.0) -> Any:
-        return self.observer.wait_for(condition, timeout, what)
 
     @staticmethod
     def says(record: Any, value: Any) -> bool:
@@ -124,11 +114,6 @@ class NodeBench:
 
     def wait_neutral(self) -> None:
         self.wait(lambda: not any(self.axes()) and not any(self.joy.last.buttons), 'neutral')
-
-    def told(self, part: str) -> str:
-        """Return what the newest diagnostic of a part says."""
-        status = self.diagnostics.status(part)
-        return '' if status is None else str(status.message)
 
     def level(self, part: str) -> Any:
         """Return the level of a part's newest diagnostic."""
@@ -151,7 +136,7 @@ class NodeBench:
         return b''.join(chunk.data for chunk in self.vsc.received(since))
 
     def close(self) -> None:
-        self.node.__exit__(None, None, None)
+        super().close()
         if self.vsc is not None:
             self.vsc.close()
 

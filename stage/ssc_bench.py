@@ -15,11 +15,11 @@ from std_msgs.msg import Bool, String, UInt16MultiArray
 
 from rugged_teleop.ptys import PtyDevice
 from ssc_bridge.simulator import Settings, Simulator
+from stage.node_bench import BridgeBench
 from stage.rig import latched, NodeProcess, Observer
-from stage.talkers import Diagnostics, namespace, Talker
+from stage.talkers import namespace, Talker
 
 NAME = 'ssc_bridge'
-LINK, DEVICE = 'link', 'device'  # the parts of its diagnostics
 SERVOS: dict[str, Any] = {
     'servos': ['pan', 'tilt'],
     'servo.pan.channel': 1,
@@ -46,7 +46,7 @@ def new_simulator(**settings: Any) -> Simulator:
 start_patient = functools.partial(NodeProcess, f'{NAME}.node', patient=True)
 
 
-class Bench:
+class Bench(BridgeBench):
     """
     One bridge on one simulated SSC, with a mux that allows everything.
 
@@ -61,28 +61,18 @@ class Bench:
         start: Callable[..., NodeProcess] = start_patient,
         **parameters: Any,
     ) -> None:
-        self.observer = observer
         self.port = PtyDevice(simulator, folder / 'ssc')
         space = namespace()
-        self.name = f'{space}/{NAME}'
         given = {'port': str(folder / 'ssc'), **parameters}
-        self.node = start(parameters=given, namespace=space)
-        self.estop = observer.record(Bool, f'{self.name}/estop', latched())
-        self.own_estop = observer.record(Bool, f'{self.name}/own_estop', latched())
-        self.joy = observer.record(Joy, f'{self.name}/joy')
-        self.inputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_inputs')
-        self.outputs = observer.record(UInt16MultiArray, f'{self.name}/pulse_outputs')
-        self.state = observer.record(String, f'{self.name}/command_state', latched())
-        self.sources = observer.record(DiagnosticStatus, f'{self.name}/channel_sources', latched())
-        self.aux = observer.record(DiagnosticStatus, f'{self.name}/aux_inputs')
-        self.diagnostics = Diagnostics(observer, self.name)
+        super().__init__(observer, start(parameters=given, namespace=space), f'{space}/{NAME}')
+        self.own_estop = self.record(Bool, 'own_estop', latched())
+        self.joy = self.record(Joy, 'joy')
+        self.inputs = self.record(UInt16MultiArray, 'pulse_inputs')
+        self.outputs = self.record(UInt16MultiArray, 'pulse_outputs')
+        self.state = self.record(String, 'command_state', latched())
+        self.sources = self.record(DiagnosticStatus, 'channel_sources', latched())
+        self.aux = self.record(DiagnosticStatus, 'aux_inputs')
         self.estop_in = Talker(observer, Bool, f'{self.name}/estop_in')
-
-    def wait(self, condition: Any, what: str = 'it', timeout: float = 15.0) -> Any:
-        return self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
-
-    def wait_stop(self, stop: bool) -> None:
-        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
 
     def connect(self) -> 'Bench':
         """Wait until the link is healthy and topics are matched."""
@@ -100,15 +90,8 @@ class Bench:
         self.wait(talker.publisher.get_subscription_count, 'a listener')
         return talker
 
-    def value(self, key: str, part: str = DEVICE) -> str:
-        return self.diagnostics.value(part, key)
-
-    def message(self, part: str = DEVICE) -> str:
-        found = self.diagnostics.status(part)
-        return '' if found is None else str(found.message)
-
     def close(self) -> None:
-        self.node.__exit__(None, None, None)
+        super().close()
         self.port.close()
 
 

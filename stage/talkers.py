@@ -78,6 +78,10 @@ class Diagnostics:
                     return status
         return None
 
+    def clear(self) -> None:
+        """Forget them."""
+        self._record.clear()
+
     def value(self, part: str, key: str) -> str:
         """Return a value of a part's newest status; empty before the first."""
         status = self.status(part)

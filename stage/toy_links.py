@@ -21,6 +21,7 @@ from std_msgs.msg import Bool
 from bridge_core.transports import process
 from bridge_core.transports.process import ProcessLink
 from stage.link_rig import FakeOwner
+from stage.node_bench import LINK
 from stage.rig import latched, Observer, Pty, Record, wait_for
 from stage.run_delay import HELD_UP, RunDelay
 from stage.talkers import Diagnostics
@@ -36,8 +37,6 @@ from stage.toy_rig import (
     wires_of,
 )
 from stage.toy_wire import BRIDGE
-
-LINK, DEVICE = 'link', 'device'  # the parts of the diagnostics
 
 
 def wait_stop_since(observer: Observer, estop: Record, cause: float) -> None:

@@ -105,8 +105,8 @@ class CaptureTarget(Target):
                 assert count <= 200 + 2 * len(data), 'more entries than bytes'
                 assert len(entry.data) <= max(len(data), 8), 'an entry larger than the file'
                 statistics.note(entry)
-                for writer in writers:
-                    writer.write('fuzz', entry)
+                for write in writers:
+                    write('fuzz', entry)
                 kinds.add((entry.protocol, entry.name))
                 last = last if entry.damaged else entry.name
         assert sum(len(line) for line in statistics.lines()) < 100_000

@@ -12,7 +12,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.duration import Duration
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 
@@ -46,7 +45,7 @@ class Commander(Visitor):
     def __init__(
         self, option: str, node: str, joint: str, rate: float, beside: Visitor | None = None
     ) -> None:
-        super().__init__('bench', SignalHandlerOptions.NO, beside)
+        super().__init__('bench', beside=beside)
         self.refusal = ''
         self._option, self._target = option, TARGETS[option]
         self._node_name, self._joint, self._rate = node, joint, rate

@@ -27,7 +27,7 @@ from bridge_core import clock
 from bridge_core.options import number_within
 from rugged_teleop.bench.course import Course, Phase
 from rugged_teleop.bench.targets import TARGETS
-from rugged_teleop.command_line import full_name, Parser, require
+from rugged_teleop.command_line import full_name, INTERRUPTED, Parser, require
 
 _EXAMPLES = """\
 examples:
@@ -37,7 +37,6 @@ examples:
   {prog} --joint pan --position 0.5         # a servo on an SSC
   {prog} --joint rotation --stick 0.2       # a fire monitor, to the left
 """
-_INTERRUPTED = 130  # as a shell reports SIGINT
 
 
 def parser(prog: str) -> Parser:
@@ -95,7 +94,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop benc
     if course.problem:
         with contextlib.suppress(OSError):  # its reader has left
             print(f'{prog}: {course.problem}', file=sys.stderr)
-        sys.exit(_INTERRUPTED if ended else 1)
+        sys.exit(INTERRUPTED if ended else 1)
     peak = f'measured up to {course.peak:.3g} of {value:g}'
     found = peak if target.trial.is_measured else summary
     end = course.end or 'told to rest; whether it stands is not measured'

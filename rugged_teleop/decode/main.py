@@ -19,12 +19,12 @@ from collections.abc import Sequence
 import sys
 
 from bridge_core.options import whole_within
-from rugged_teleop.command_line import is_of_output, Parser
-from rugged_teleop.decode.captures import Capture, FORMATS, opened
+from rugged_teleop.command_line import is_of_output, Parser, reason_of
+from rugged_teleop.decode.captures import FORMATS, opened
 from rugged_teleop.decode.plot import Picture
 from rugged_teleop.decode.protocols import entries_of, PROTOCOLS
 from rugged_teleop.decode.statistics import Statistics
-from rugged_teleop.decode.writers import Writer, WRITERS
+from rugged_teleop.decode.writers import WRITERS
 
 _EXAMPLES = """\
 examples:
@@ -58,12 +58,7 @@ def parser(prog: str) -> Parser:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop decode') -> None:
     """Decode files; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
-    try:
-        status = _decode(options, prog)
-    except KeyboardInterrupt:
-        status = 130
-    sys.exit(status)
+    sys.exit(_decode(parser(prog).parse_mixed(arguments), prog))
 
 
 def _decode(options: argparse.Namespace, prog: str) -> int:
@@ -72,19 +67,22 @@ def _decode(options: argparse.Namespace, prog: str) -> int:
     except ImportError as error:
         print(f'{prog}: {error}', file=sys.stderr)
         return 2
-    writer: Writer = WRITERS[options.output](sys.stdout)
+    write = WRITERS[options.output](sys.stdout)
     report = sys.stdout if options.output == 'statistics' else sys.stderr
     status = 0
     for name in options.files:
         statistics = Statistics(options.bitrate)
         try:
             with opened(name, options.format) as capture:
-                _copy(capture, options.protocol, writer, statistics, picture)
+                for entry in entries_of(capture, options.protocol):
+                    statistics.note(entry)
+                    if picture is not None:
+                        picture.add(entry)
+                    write(capture.name, entry)
         except (OSError, ValueError) as error:
             if is_of_output(error):
                 raise
-            reason = error.strerror if isinstance(error, OSError) else error
-            print(f'{prog}: {name}: {reason}', file=sys.stderr)
+            print(f'{prog}: {name}: {reason_of(error)}', file=sys.stderr)
             status = 2
             continue
         sys.stdout.flush()  # what was found, then the report
@@ -92,32 +90,10 @@ def _decode(options: argparse.Namespace, prog: str) -> int:
             print(line if report is sys.stdout else f'# {line}', file=report)
         if statistics.damaged or not statistics.decoded:
             status = max(status, 1)
-    return max(status, 0 if picture is None else _save(picture, options.plot, prog))
-
-
-def _save(picture: Picture, path: str, prog: str) -> int:
     try:
-        picture.save(path)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        print(f'{prog}: {path}: {reason}', file=sys.stderr)
-        return 2
-    return 0
-
-
-def _copy(
-    capture: Capture,
-    protocol: str,
-    writer: Writer,
-    statistics: Statistics,
-    picture: Picture | None,
-) -> None:
-    for entry in entries_of(capture, protocol):
-        statistics.note(entry)
         if picture is not None:
-            picture.add(entry)
-        writer.write(capture.name, entry)
-
-
-if __name__ == '__main__':
-    main()
+            picture.save(options.plot)
+    except (OSError, ValueError) as error:
+        print(f'{prog}: {options.plot}: {reason_of(error)}', file=sys.stderr)
+        status = 2
+    return status

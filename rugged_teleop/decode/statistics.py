@@ -30,6 +30,7 @@ class _Kind:
     """One message of one sender."""
 
     count: int = 0
+    timed: int = 0  # of them
     first: float = math.nan
     last: float = math.nan
     gap: float = 0.0
@@ -41,7 +42,8 @@ class _Kind:
             return
         if entry.at - self.last > self.gap:
             self.gap, self.gap_offset = entry.at - self.last, entry.offset
-        if self.count == 1:
+        self.timed += 1
+        if self.timed == 1:
             self.first = entry.at
         self.last = entry.at
 
@@ -49,7 +51,7 @@ class _Kind:
         duration = self.last - self.first
         if not duration > 0.0:
             return str(self.count), '', '', ''
-        mean = duration / (self.count - 1)
+        mean = duration / (self.timed - 1)
         gap = f'{self.gap * 1e3:.1f} ms at {self.gap_offset}'
         return str(self.count), f'{1 / mean:.1f}', f'{mean * 1e3:.1f}', gap
 

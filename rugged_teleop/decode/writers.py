@@ -8,31 +8,25 @@ from __future__ import annotations
 from collections.abc import Callable
 import csv
 import json
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from rugged_teleop.decode.plain import flat, text
 from rugged_teleop.decode.protocols import Entry
 
-
-class Writer(Protocol):
-    """What takes entries."""
-
-    def write(self, name: str, entry: Entry) -> None:
-        """Write an entry of the file of this name."""
+# Takes the entries of a file, with its name.
+Writer = Callable[[str, Entry], None]
+_HEAD = ('file', 'offset', 'time', 'source', 'identifier', 'protocol', 'message')
 
 
-class Table:
-    """One line an entry; what is no frame of ours, nor of a CAN bus, is left out."""
+def table(out: TextIO) -> Writer:
+    """Write a line an entry, the name before the first of a file; of others CAN frames only."""
+    shown = ''  # the name of the file
 
-    def __init__(self, out: TextIO) -> None:
-        self._out = out
-        self._name = ''
-
-    def write(self, name: str, entry: Entry) -> None:
-        """Write a line; before the first of a file its name."""
-        if name != self._name:
-            self._name = name
-            print(f'# {name}', file=self._out)
+    def write(name: str, entry: Entry) -> None:
+        nonlocal shown
+        if name != shown:
+            shown = name
+            print(f'# {name}', file=out)
         if entry.damaged:
             what = f'!! {entry.size} bytes: {entry.content}  {entry.data.hex(" ")}'
         elif entry.protocol:
@@ -45,41 +39,37 @@ class Table:
         at = '' if entry.at is None else f'{entry.at:17.6f} '
         identifier = '' if entry.identifier is None else f'{entry.identifier:08X} '
         source = f'{entry.source} ' if entry.source else ''
-        print(f'{at}{entry.offset:9} {source}{identifier}{what}'.rstrip(), file=self._out)
+        print(f'{at}{entry.offset:9} {source}{identifier}{what}'.rstrip(), file=out)
+
+    return write
 
 
-class JsonLines:
-    """One object an entry."""
+def json_lines(out: TextIO) -> Writer:
+    """Write an object an entry."""
 
-    def __init__(self, out: TextIO) -> None:
-        self._out = out
-
-    def write(self, name: str, entry: Entry) -> None:
-        """Write a line."""
+    def write(name: str, entry: Entry) -> None:
         values = {**_head(name, entry), 'fields': entry.fields(), 'raw': entry.data.hex()}
-        print(json.dumps(values, ensure_ascii=False), file=self._out)
+        print(json.dumps(values, ensure_ascii=False), file=out)
+
+    return write
 
 
-class Csv:
-    """One line a value, so that every message fits the same columns."""
+def csv_lines(out: TextIO) -> Writer:
+    """Write a line a value, so that every message fits the same columns; one where it has none."""
+    rows = csv.writer(out, lineterminator='\n')
+    rows.writerow((*_HEAD, 'field', 'value'))
 
-    def __init__(self, out: TextIO) -> None:
-        self._writer = csv.writer(out, lineterminator='\n')
-        self._writer.writerow((*_HEAD, 'field', 'value'))
-
-    def write(self, name: str, entry: Entry) -> None:
-        """Write the lines; one where there is no value."""
+    def write(name: str, entry: Entry) -> None:
         head = _head(name, entry).values()
         for field, value in [*flat(entry.fields())] or [('', '')]:
-            self._writer.writerow([_without_nul(each) for each in (*head, field, value)])
+            rows.writerow([_without_nul(each) for each in (*head, field, value)])
+
+    return write
 
 
 def _without_nul(value: Any) -> Any:
     """Return what csv can write: before Python 3.11 it refuses a NUL, as damaged texts have."""
     return value.replace('\0', r'\x00') if isinstance(value, str) else value
-
-
-_HEAD = ('file', 'offset', 'time', 'source', 'identifier', 'protocol', 'message')
 
 
 def _head(name: str, entry: Entry) -> dict[str, Any]:
@@ -88,19 +78,9 @@ def _head(name: str, entry: Entry) -> dict[str, Any]:
     return dict(zip(_HEAD, (*where, entry.protocol, entry.name), strict=True))
 
 
-class Nothing:
-    """Writes nothing, where only the statistics are wanted."""
-
-    def __init__(self, out: TextIO) -> None:
-        del out
-
-    def write(self, name: str, entry: Entry) -> None:
-        """Do nothing."""
-
-
 WRITERS: dict[str, Callable[[TextIO], Writer]] = {
-    'table': Table,
-    'json': JsonLines,
-    'csv': Csv,
-    'statistics': Nothing,
+    'table': table,
+    'json': json_lines,
+    'csv': csv_lines,
+    'statistics': lambda out: lambda name, entry: None,
 }

@@ -194,17 +194,8 @@ def qos_problem(publisher: Any, subscription: Any) -> str:
     return ' '.join(str(reason).replace('ERROR: ', '').split()).rstrip(';')
 
 
-def graph_findings(
-    graph: Graph,
-    expected: Iterable[str] = (),
-    problem: Callable[[Any, Any], str] = qos_problem,
-) -> Iterator[Finding]:
-    """
-    Yield what is found.
-
-    :param expected: full names of the nodes that should be there.
-    :param problem: as ``qos_problem``.
-    """
+def graph_findings(graph: Graph, expected: Iterable[str] = ()) -> Iterator[Finding]:
+    """Yield what is found. :param expected: full names of the nodes that should be there."""
     live = sorted({each.node for each in graph.endpoints if each.is_ours})
     if live:
         yield finding('nodes live', nodes=', '.join(live))
@@ -215,23 +206,21 @@ def graph_findings(
     for topic, group in itertools.groupby(by_topic, lambda each: each.topic):
         endpoints = list(group)
         if any(each.is_ours for each in endpoints):
-            yield from _topic_findings(topic, endpoints, problem)
+            yield from _topic_findings(topic, endpoints)
     # A closed port is told by both diagnostics of a node, in the same words.
     told = {(each.name.partition(': ')[0], each.text): each for each in graph.said}
     for said in sorted(told.values(), key=lambda each: each.name):
         yield from _said_findings(said, _has_sources(graph, said.name))
 
 
-def _topic_findings(
-    topic: str, endpoints: Sequence[Endpoint], problem: Callable[[Any, Any], str]
-) -> Iterator[Finding]:
+def _topic_findings(topic: str, endpoints: Sequence[Endpoint]) -> Iterator[Finding]:
     publishers = [each for each in endpoints if each.publishes]
     subscriptions = [each for each in endpoints if not each.publishes]
     kinds = sorted({f'{each.kind} ({each.node})' for each in endpoints})
     if len({each.kind for each in endpoints}) > 1:
         yield finding('types differ', topic=topic, kinds=', '.join(kinds))
     for publisher, subscription in itertools.product(publishers, subscriptions):
-        reason = problem(publisher.qos, subscription.qos)
+        reason = qos_problem(publisher.qos, subscription.qos)
         if reason and publisher.kind == subscription.kind:
             words = {'publisher': publisher.node, 'subscription': subscription.node}
             yield finding('qos mismatch', topic=topic, reason=reason, **words)

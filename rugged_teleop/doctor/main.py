@@ -83,10 +83,7 @@ def parser(prog: str) -> Parser:
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop doctor') -> None:
     """Look at everything; the command's entry point."""
     options = parser(prog).parse_args(arguments)
-    try:
-        findings = examine(options)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    findings = examine(options)
     if options.json:
         found = [each.to_json() for each in findings]
         print(json.dumps(found, indent=2, ensure_ascii=False))
@@ -197,7 +194,3 @@ def _as_list(findings: Sequence[Finding], probed: bool) -> str:
                 lines.append(f'  {"":10}  -> {each.remedy}{code}')
             told.add((each.code, each.remedy))
     return '\n'.join([*lines, _SENT[probed]])
-
-
-if __name__ == '__main__':
-    main()

@@ -28,6 +28,7 @@ _RULES = tuple(
     for folder in ('/etc/udev/rules.d', '/run/udev/rules.d', '/usr/lib/udev/rules.d')
 )
 _BY_RULE = ('/dev/fort_vsc', '/dev/esi_drive', '/dev/ssc')  # the names that the rules give
+_BY_ID = Path('/dev/serial/by-id')
 _FORT_VENDOR = 0x2A99
 _LOCK = re.compile(r'\d+: (?:FLOCK|OFDLCK|POSIX) .* (-?\d+) ([0-9a-f]+):([0-9a-f]+):(\d+) \S+ \S+')
 _MEMORY_MAJOR = 1  # /dev/null and the like
@@ -88,7 +89,7 @@ def this_user() -> User:
     return User(name, os.geteuid(), {os.getegid(), *os.getgroups()}, entered)
 
 
-def port_facts(path: str, proc: Path = PROC) -> PortFacts:
+def port_facts(path: str) -> PortFacts:
     """Return what there is at a path; nothing is opened."""
     try:
         status = os.stat(path)
@@ -108,7 +109,7 @@ def port_facts(path: str, proc: Path = PROC) -> PortFacts:
         status.st_gid,
         group,
         is_port,
-        tuple(holders_of(device, status, proc)) if is_port else (),
+        tuple(holders_of(device, status)) if is_port else (),
         os.access(path, os.R_OK | os.W_OK, effective_ids=True),
     )
 
@@ -128,13 +129,13 @@ def holders_of(device: str, status: os.stat_result, proc: Path = PROC) -> Iterat
             yield Holder(pid, _command(proc / str(pid)))
 
 
-def device_of(pty: str, proc: Path = PROC) -> Holder | None:
+def device_of(pty: str) -> Holder | None:
     """Return who has both sides of a pty, as a simulated device does; None: nobody."""
     with contextlib.suppress(OSError):
         index = os.minor(os.stat(pty).st_rdev)
-        for pid in sorted({*_open_in(pty, proc)}):
-            if _is_master(proc / str(pid), index):
-                return Holder(pid, _command(proc / str(pid)))
+        for pid in sorted({*_open_in(pty, PROC)}):
+            if _is_master(PROC / str(pid), index):
+                return Holder(pid, _command(PROC / str(pid)))
     return None
 
 
@@ -236,21 +237,18 @@ class UsbPort:
     device: str
     text: str
     vendor: int | None = None
-    product: int | None = None
     links: tuple[str, ...] = ()
 
 
-def usb_ports(by_id: Path = Path('/dev/serial/by-id')) -> list[UsbPort]:
+def usb_ports() -> list[UsbPort]:
     """Return the serial ports that are there; the bare ones of a mainboard apart."""
     found = []
     for port in list_ports.comports():
         if port.vid is None:
             continue
-        links = (str(link) for link in by_id.glob('*') if link.resolve() == Path(port.device))
+        links = (str(link) for link in _BY_ID.glob('*') if link.resolve() == Path(port.device))
         text = f'{port.description} ({port.vid:04x}:{port.pid:04x} {port.serial_number or ""})'
-        found.append(
-            UsbPort(port.device, text.replace(' )', ')'), port.vid, port.pid, tuple(links))
-        )
+        found.append(UsbPort(port.device, text.replace(' )', ')'), port.vid, tuple(links)))
     return found
 
 

@@ -13,6 +13,7 @@ cannot be read.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator, Sequence
 import csv
 from datetime import datetime, timezone
@@ -55,15 +56,18 @@ def parser(prog: str) -> Parser:
 
 
 def utc_time(text: str) -> str:
-    """Return a time as it stands in lines. :raises ValueError: it is none."""
-    at = datetime.fromisoformat(text)
+    """Return a time as it stands in lines."""
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text} is no time such as 2026-11-22') from None
     at = at if at.tzinfo else at.replace(tzinfo=timezone.utc)
     return at.astimezone(timezone.utc).isoformat(timespec='milliseconds')
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop ledger') -> None:
     """Do it; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
+    options = parser(prog).parse_mixed(arguments)
     reader, digests = Reader(Head()), {}
     columns: list[dict[str, Any]] = []
     try:
@@ -132,7 +136,3 @@ def _export(columns: Sequence[dict[str, Any]]) -> None:
         writer.writerow(
             {k: v if isinstance(v, str | int | float) else json.dumps(v) for k, v in each.items()}
         )
-
-
-if __name__ == '__main__':
-    main()

@@ -47,7 +47,3 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop reco
     from rugged_teleop.recorder.node import Recorder
 
     sys.exit(run([Recorder], [prog, *beside('recorder', words)], last=True))
-
-
-if __name__ == '__main__':
-    main()

@@ -138,9 +138,7 @@ class FileWriter:
         self.count = self.size = 0  # recordings in the folder, and their bytes
         self._folder = folder
         self._said = said
-        self._jobs: queue.Queue[tuple[Callable[..., None], tuple[Any, ...]]] = queue.Queue(
-            _WAITING
-        )
+        self._jobs = queue.SimpleQueue[tuple[Callable[..., None], tuple[Any, ...]]]()
         self._file: RecordingFile | None = None
         self._is_kept = False  # it is to be
         self._ended = False
@@ -182,10 +180,10 @@ class FileWriter:
         self._thread.join(timeout)
 
     def _put(self, messages: int, job: Callable[..., None], *arguments: Any) -> None:
-        try:
-            self._jobs.put_nowait((job, arguments))
-        except queue.Full:
+        if messages and self._jobs.qsize() >= _WAITING:
             self.dropped += messages
+        else:  # what completes a file is never left out
+            self._jobs.put((job, arguments))
 
     def _run(self) -> None:
         with suppress(OSError):

@@ -46,7 +46,7 @@ def parser(prog: str) -> Parser:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop replay') -> None:
     """Replay; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
+    options = parser(prog).parse_mixed(arguments)
     sys.exit(look_at(options.files, partial(_replay, options.tolerance), prog))
 
 
@@ -65,7 +65,3 @@ def _replay(tolerance: float | None, recording: Loaded) -> int:
             print(line)
     differs = any(outcome.found for outcome in outcomes)
     return int(differs) if recording.whole else 2
-
-
-if __name__ == '__main__':
-    main()

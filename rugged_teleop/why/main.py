@@ -51,7 +51,7 @@ def parser(prog: str) -> Parser:
 
 def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop why') -> None:
     """Tell; the command's entry point."""
-    options = parser(prog).parse_args(arguments)
+    options = parser(prog).parse_mixed(arguments)
     look = partial(_check, options.tolerance) if options.check else _tell
     sys.exit(look_at(options.files, look, prog))
 
@@ -68,7 +68,3 @@ def _check(tolerance: float, recording: Loaded) -> int:
     from rugged_teleop.why.check import judged  # late, as above
 
     return judged(recording, tolerance)
-
-
-if __name__ == '__main__':
-    main()

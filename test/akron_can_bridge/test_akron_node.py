@@ -85,42 +85,42 @@ def test_node_says_neutral_while_it_is_configured_and_nothing_before(
     bench: Bench, unit: Station
 ) -> None:
     bench.drive(unit)
-    assert bench.observer.change_state(bench.prefix, 'deactivate')
+    assert bench.observer.change_state(bench.name, 'deactivate')
     bench.wait(lambda: not unit.look('moving'), 'rest')
     bench.wait_stop(True)
     unit.since = time.monotonic()
     bench.wait(lambda: len(unit.joystick_frames(0x38)) > 20, 'frames')
     assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
-    assert bench.observer.change_state(bench.prefix, 'cleanup')
+    assert bench.observer.change_state(bench.name, 'cleanup')
 
     def is_silent() -> bool:
         unit.since = time.monotonic() - 0.3
         return not unit.joystick_frames(0x38)
 
     bench.wait(is_silent, 'silence')  # the last frames may still be on their way
-    assert bench.observer.change_state(bench.prefix, 'configure')
+    assert bench.observer.change_state(bench.name, 'configure')
     bench.wait(lambda: len(unit.joystick_frames(0x38)) > 10, 'frames')
     assert set(unit.joystick_frames(0x38)) == {NEUTRAL}
-    assert bench.observer.change_state(bench.prefix, 'activate')
+    assert bench.observer.change_state(bench.name, 'activate')
     bench.wait_stop(False)
     bench.drive(unit)
 
 
 def test_enable_input_and_motor_fault_are_stops_in_words(bench: Bench, unit: Station) -> None:
-    unit.steer('enable off')
+    unit.apply('enable off')
     bench.wait_stop(True)
-    bench.wait(lambda: 'enable input is not asserted' in bench.status().message, 'the reason')
-    unit.steer('enable on', 'fault axis_2 on')
-    bench.wait(lambda: 'motor axis 2 fault' in bench.status().message, 'the fault')
+    bench.wait(lambda: 'enable input is not asserted' in bench.told(), 'the reason')
+    unit.apply('enable on', 'fault axis_2 on')
+    bench.wait(lambda: 'motor axis 2 fault' in bench.told(), 'the fault')
     answer = bench.call('poll_faults')
     assert answer.success
     assert 'motor axis 2' in answer.message
-    unit.steer('fault axis_2 off')
+    unit.apply('fault axis_2 off')
     bench.wait_stop(False)
 
 
 def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
-    unit.steer('limit left -30', 'limit right 45', 'position 5 1', 'output aux_agent on')
+    unit.apply('limit left -30', 'limit right 45', 'position 5 1', 'output aux_agent on')
 
     def value(record: Record, key: str) -> str:
         return next((v.value for v in record.last.values if v.key == key), '')
@@ -134,7 +134,7 @@ def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
 
 
 def test_services_answer(bench: Bench, unit: Station) -> None:
-    unit.steer('position 1 20')
+    unit.apply('position 1 20')
     bench.wait(lambda: bench.joint_states.last.position[0] < -0.3, 'the position')
     bench.stand()
     assert bench.call('zero_positions').success
@@ -145,7 +145,7 @@ def test_services_answer(bench: Bench, unit: Station) -> None:
     bench.stand()
     assert bench.call('enter_setup').success
     assert unit.look('setup')
-    unit.steer('setup off')
+    unit.apply('setup off')
     answer = bench.call('reset_controller')
     assert answer.success
     assert 'is back' in answer.message

@@ -75,8 +75,8 @@ def test_setup_mode_outlives_wire_and_activation(
         bench.wait_stop(False)
         bench.diagnostics.clear()
         bench.wait(is_told, 'setup mode of the next wire')
-        assert bench.observer.change_state(bench.prefix, 'deactivate')
-        assert bench.observer.change_state(bench.prefix, 'activate')
+        assert bench.observer.change_state(bench.name, 'deactivate')
+        assert bench.observer.change_state(bench.name, 'activate')
         bench.wait_stop(False)
         bench.diagnostics.clear()
         bench.wait(is_told, 'setup mode of the next activation')
@@ -89,15 +89,15 @@ def test_foreign_joystick_is_a_stop_and_an_allowed_one_an_operator(
 ) -> None:
     with Station(JoystickSimulator(0x33), can_bus) as stick:
         with bench_of(observer, can_bus) as bench:
-            bench.wait(lambda: '0CFDD633' in bench.status().message, 'the trap', START_LIMIT)
-            assert 'allowed_joysticks' in bench.status().message
+            bench.wait(lambda: '0CFDD633' in bench.told(), 'the trap', START_LIMIT)
+            assert 'allowed_joysticks' in bench.told()
             bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
         given = {'joy_source': 0x33, 'allowed_joysticks': [0x33]}
         with bench_of(observer, can_bus, given) as bench:
             bench.connect()
-            stick.steer('stick x 1', 'switch 2 on')
+            stick.apply('stick x 1', 'switch 2 on')
             bench.wait(lambda: bench.joy.last and bench.joy.last.axes[0] == -1.0, 'the stick')
             bench.wait(lambda: list(bench.joy.last.buttons[:3]) == [0, 1, 0], 'the button')
             bench.wait(lambda: bench.value('joysticks heard') == '33 allowed', 'the diagnostic')
-            stick.steer('mute on')
+            stick.apply('mute on')
             bench.wait(lambda: not any(bench.joy.last.axes), 'neutral')

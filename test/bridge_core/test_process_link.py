@@ -31,6 +31,7 @@ from bridge_core.transports.process import ProcessLink
 from bridge_core.transports.request import Call
 from stage import gated_wire
 from stage.endings import each_ending, first_of
+from stage.node_bench import LINK
 from stage.rig import as_yaml, holds_for, latched, NodeProcess, Observer, Pty, wait_for
 from stage.run_delay import RunDelay, WIRE_HELD_UP
 from stage.toy_bridge import make_toy
@@ -38,7 +39,6 @@ from stage.toy_links import (
     Alone,
     descriptors,
     Direct,
-    LINK,
     pidfd_getfd,
     running,
     Toy,

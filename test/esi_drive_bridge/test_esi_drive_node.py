@@ -23,7 +23,8 @@ from bridge_core.proof import Challenge, nanoseconds, Proof
 from bridge_core.proof_topics import PROOF_QOS
 from esi_drive_bridge.protocol import Mode
 from esi_drive_bridge.simulator import Simulator
-from stage.esi_drive_bench import Bench, command, DEVICE, LINK
+from stage.esi_drive_bench import Bench, command
+from stage.node_bench import DEVICE, LINK
 from stage.rig import latched, NodeProcess, Observer, ROOT
 from stage.talkers import namespace, Talker
 from stage.toy_rig import wires_of

@@ -15,7 +15,8 @@ from std_msgs.msg import String
 from bridge_core.j1939 import CanFrame
 from fort_vsc_bridge.simulator import CanSimulator
 from stage.can_rig import CanBus, make_bus
-from stage.fort_vsc_nodes import can_bench, DEVICE, NodeBench, Station
+from stage.fort_vsc_nodes import can_bench, NodeBench, Station
+from stage.node_bench import DEVICE
 from stage.rig import Observer
 
 HEARTBEAT, RIGHT_EXTENDED = 0x0CFDE801, 0x0CFDD934

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from stage.fort_vsc_nodes import LINK, NodeBench
+from stage.fort_vsc_nodes import NodeBench
+from stage.node_bench import LINK
 from stage.rig import Observer, wait_for
 
 # Sticks all out, pad up and right, buttons 1 and 4, Operational; the last byte is the e-stop.

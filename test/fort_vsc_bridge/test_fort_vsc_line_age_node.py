@@ -16,7 +16,8 @@ from bridge_core.proof import Challenge, Proof
 from bridge_core.proof_topics import PROOF_QOS
 from fort_vsc_bridge.simulator import Simulator
 from stage.devices import Device
-from stage.fort_vsc_nodes import DEVICE, NodeBench
+from stage.fort_vsc_nodes import NodeBench
+from stage.node_bench import DEVICE
 from stage.rig import Observer
 from stage.serial_server import SerialServer
 

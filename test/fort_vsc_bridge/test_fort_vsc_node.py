@@ -20,7 +20,8 @@ from std_msgs.msg import Bool, String, UInt8
 
 from fort_vsc_bridge.simulator import build_frame
 from stage.can_rig import CanBus, make_bus
-from stage.fort_vsc_nodes import can_bench, DEVICE, hid_bench, LINK, NodeBench, serial_bench
+from stage.fort_vsc_nodes import can_bench, hid_bench, NodeBench, serial_bench
+from stage.node_bench import DEVICE, LINK
 from stage.rig import Observer, ROOT
 
 pytestmark = pytest.mark.waits(60)

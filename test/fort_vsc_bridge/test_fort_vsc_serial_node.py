@@ -19,7 +19,8 @@ from sensor_msgs.msg import BatteryState, JoyFeedback
 from std_msgs.msg import Bool, String, UInt8
 
 from fort_vsc_bridge.simulator import build_frame, build_sentence
-from stage.fort_vsc_nodes import DEVICE, NodeBench, serial_bench
+from stage.fort_vsc_nodes import NodeBench, serial_bench
+from stage.node_bench import DEVICE
 from stage.rig import Observer, ROOT
 from stage.talkers import Talker
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import distribution
 import os
 from pathlib import Path
+from signal import SIGINT, SIGTERM
 import subprocess
 import sys
 
@@ -19,7 +20,7 @@ from rclpy.node import Node
 
 from rugged_teleop import page
 from rugged_teleop.__main__ import COMMANDS, executables, main
-from stage.rig import ROOT, run_python, TIMEOUT_FACTOR
+from stage.rig import Observer, ROOT, run_python, TIMEOUT_FACTOR
 
 TOOLS = sorted((ROOT / 'tools').iterdir())  # what only ros2 run finds
 # As where ROS is not installed.
@@ -170,6 +171,24 @@ def test_closed_input_and_outputs_are_no_fault(words: str, status: int, error: s
     assert done.returncode == status
     assert error in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(('number', 'status'), [(SIGINT, 130), (SIGTERM, -SIGTERM)])
+def test_command_that_waits_ends_without_a_word(
+    number: int, status: int, observer: Observer
+) -> None:
+    words = ['status', '--node', '/nobody', '--wait', '600']
+    command = [sys.executable, '-m', 'rugged_teleop', *words]
+    output = subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=output, stderr=output, start_new_session=True
+    ) as child:
+        try:
+            waits = '_rugged_teleop_status'
+            observer.wait_for(lambda: waits in observer.node.get_node_names(), 30.0, waits)
+        finally:
+            child.send_signal(number)
+        assert (*child.communicate(), child.returncode) == (b'', b'', status)
 
 
 def test_file_name_that_is_no_text_is_said_as_well_as_it_can_be(tmp_path: Path) -> None:

@@ -81,6 +81,25 @@ def test_argument_that_is_wrong_is_told_what_is_allowed(
 
 
 @pytest.mark.parametrize(
+    ('arguments', 'files'),
+    [
+        ('ledger show --since 2026-11-22 a', ['a']),
+        ('ledger verify a --anchor x b', ['a']),
+        ('decode a --format pcap b', ['a', 'b']),
+        ('why --check -- a -b', ['a', '-b']),
+        ('replay a --tolerance 0.1 b', ['a', 'b']),
+    ],
+)
+def test_options_stand_anywhere_among_files(
+    arguments: str, files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.split())
+    told = [f'rugged_teleop {arguments.split()[0]}: {f}: No such file or directory' for f in files]
+    assert (caught.value.code, capsys.readouterr().err.splitlines()) == (2, told)
+
+
+@pytest.mark.parametrize(
     ('module', 'words'),
     [
         ('rugged_teleop.stack', ('usage: rugged_teleop_stack ', 'rugged_teleop_stack --', *NODES)),

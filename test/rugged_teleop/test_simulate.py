@@ -403,6 +403,7 @@ def test_group_carries_both_ways_is_recorded_and_can_be_left() -> None:
         (['fort_vsc', '--port', 'x', '--as', 'y'], '--as'),
         (['esi_drive', '--port', 'x', '--as', '/nowhere'], '--as /nowhere: No such file'),
         (['esi_drive', '--port', 'x', '--as', str(ROOT / 'setup.py')], 'setup.py: is no report'),
+        (['esi_drive', '--port', 'x', '--as', '/bin/sh'], '--as /bin/sh: is no report'),
     ],
 )
 def test_bad_argument_is_one_line_and_status_2(
@@ -555,10 +556,11 @@ def test_command_that_is_told_twice_to_end_ends_well(path: Path) -> None:
 
 def test_command_outlives_the_end_of_its_input(path: Path) -> None:
     with Command('fort_vsc', '--port', str(path)) as command:
-        command.say('stick left_y 0.5')
         assert command.process.stdin is not None
+        command.process.stdin.write(b'nonsense')  # a last line without an end
         command.process.stdin.close()
         command.wait('type help')
+        command.wait("not done: unknown command 'nonsense'")
         host = Host(path)
         wait_for(lambda: b'\x10\x01' in host.read(), 5.0, 'a frame of the VSC')
         os.close(host.fd)

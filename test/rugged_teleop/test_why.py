@@ -15,7 +15,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from rcl_interfaces.msg import Log
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, String
 
@@ -23,12 +22,10 @@ from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 import esi_drive_bridge.protocol as esi
 from rugged_teleop.decode.recorded import pieces_of
-from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.ring import Channel, Heard
-from rugged_teleop.recorder.writer import RecordingFile
 from rugged_teleop.recordings import Said
 from rugged_teleop.why.main import main
 from rugged_teleop.why.story import story
+from stage.recordings_rig import kind_of, write
 
 T0 = 1_000_000_000.0  # 2001-09-09 01:46:40 UTC
 ZONE = 'Asia/Kathmandu'  # 5:45 h ahead
@@ -46,9 +43,7 @@ def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def said(ms: float, topic: str, message: Any) -> Said:
-    package = type(message).__module__.split('.')[0]
-    kind = f'{package}/msg/{type(message).__name__}'
-    return Said(T0 + ms * 1e-3, topic, kind, message)
+    return Said(T0 + ms * 1e-3, topic, kind_of(message), message)
 
 
 def status(state: str, owner: str, reason: str, **values: str) -> DiagnosticStatus:
@@ -273,13 +268,8 @@ def test_recording_without_a_stop_says_how_the_machine_is() -> None:
 
 
 def written(path: Path, messages: Iterable[Said]) -> Path:
-    file = RecordingFile(path / '19700101T000000.000Z_stop.mcap')
-    file.add_parameters({'/safety_mux': {'feedback.standstill': '0.05'}})
-    for each in messages:
-        channel = Channel(each.topic, each.type, definition_of(each.type))
-        file.write([Heard(each.at, each.at, channel, bytes(serialize_message(each.message)))])
-    file.finish(file.path)
-    return file.path
+    told = ((each.at, each.topic, each.message) for each in messages)
+    return write(path / 'a_stop.mcap', told, {MUX: {'feedback.standstill': '0.05'}})
 
 
 def outcome(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[object, str, str]:

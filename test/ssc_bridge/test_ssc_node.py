@@ -13,8 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
+from stage.node_bench import DEVICE, LINK
 from stage.rig import Observer
-from stage.ssc_bench import Bench, bench_of, DEVICE, LINK, new_simulator, position, SERVOS
+from stage.ssc_bench import Bench, bench_of, new_simulator, position, SERVOS
 from stage.talkers import Talker, values_of
 
 pytestmark = pytest.mark.waits(45)
@@ -96,7 +97,7 @@ def test_lost_control_neutralises_joy(
     bench.wait_stop(stop)
     bench.wait(lambda: bench.own_estop.last == Bool(data=stop), 'own_estop')
     bench.wait(lambda: bench.state.last == String(data=state), 'the state')
-    bench.wait(lambda: words in bench.message(), 'the diagnostic')
+    bench.wait(lambda: words in bench.told(), 'the diagnostic')
     level = DiagnosticStatus.WARN if stop else DiagnosticStatus.ERROR
     assert bench.diagnostics.status(DEVICE).level == level
     for each in ('receiver on', 'link on', 'channel 1 1000'):

@@ -18,8 +18,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, UInt16MultiArray
 
 from stage import gated_wire
+from stage.node_bench import LINK
 from stage.rig import NodeProcess, Observer, wait_for
-from stage.ssc_bench import Bench, bench_of, LINK, position, SERVOS, start_patient
+from stage.ssc_bench import Bench, bench_of, position, SERVOS, start_patient
 from stage.toy_rig import is_running, spares_of, wires_of
 
 pytestmark = pytest.mark.waits(60)

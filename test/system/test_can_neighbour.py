@@ -105,7 +105,7 @@ def test_neighbour_at_our_own_address_is_reported_and_we_go_on(
 ) -> None:
     with Neighbour(bus, OURS, strong=True) as neighbour:
         neighbour.wait_address(OURS)
-        bench.wait(lambda: f'{OURS:02X}' in bench.status().message, 'the report')
+        bench.wait(lambda: f'{OURS:02X}' in bench.told(), 'the report')
         bench.drive(unit)
         assert len(neighbour.claims) == 1  # nobody contends: our address is fixed
 
@@ -127,7 +127,7 @@ def test_bus_off_is_a_stop_in_words_until_the_bus_is_back(
     bus.endpoint().send(error_frame(0x40))
     bench.wait(lambda: Bool(data=True) in bench.estop.messages[seen:], 'a stop')
     bench.wait(lambda: not unit.plugged, 'a unit that is off as well')
-    unit.steer('plug')
+    unit.apply('plug')
     bench.wait_stop(False)
     words = 'bus off; check bit rate, wiring and termination'
     bench.wait(lambda: words in bench.node.output, words)

@@ -35,9 +35,9 @@ def test_second_commander_of_servos_brings_the_failsafe(controller: ssc.Bench) -
     other = ssc.position(pan=-0.5, tilt=0.5)
     second = controller.talker(JointState, 'servo_command', other)
     controller.wait(lambda: controller.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
-    controller.wait(lambda: DOUBLED in controller.message(), 'why')
+    controller.wait(lambda: DOUBLED in controller.told(), 'why')
     second.leave()
-    controller.wait(lambda: DOUBLED not in controller.message(), 'only one again')
+    controller.wait(lambda: DOUBLED not in controller.told(), 'only one again')
     controller.wait(lambda: controller.seen()['outputs_us'][:2] == [1700, 1000], 'the servos')
 
 
@@ -52,9 +52,9 @@ def test_second_commander_of_a_monitor_makes_it_neutral(
 ) -> None:
     with akron.Station(Unit(), can_bus) as unit, akron.bench_of(observer, can_bus) as bench:
         bench.connect().drive(unit)
-        second = Talker(observer, Joy, f'{bench.prefix}/cmd_joy', akron.MOVE)
-        bench.wait(lambda: DOUBLED in bench.status().message, 'why')
+        second = Talker(observer, Joy, f'{bench.name}/cmd_joy', akron.MOVE)
+        bench.wait(lambda: DOUBLED in bench.told(), 'why')
         bench.wait(lambda: unit.joystick_frames(0x38)[-1] == akron.NEUTRAL, 'neutral')
         bench.wait(lambda: not unit.look('moving'), 'rest')
         second.leave()
-        bench.wait(lambda: DOUBLED not in bench.status().message, 'only one again')
+        bench.wait(lambda: DOUBLED not in bench.told(), 'only one again')

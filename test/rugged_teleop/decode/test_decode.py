@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import csv
 from functools import partial
 import gzip
@@ -23,7 +23,7 @@ import zstandard
 from rugged_teleop.decode import captures
 from rugged_teleop.decode.main import main
 from rugged_teleop.decode.protocols import Entry
-from rugged_teleop.decode.writers import Csv
+from rugged_teleop.decode.writers import csv_lines
 from stage.captures import CAN, ethernet, pcap_file, STREAMS, udp, vectors
 from stage.rig import ROOT, run_python
 
@@ -144,9 +144,18 @@ def test_csv_has_a_line_for_each_value(path: Path, capsys: pytest.CaptureFixture
 def test_csv_takes_a_text_with_a_nul() -> None:
     """As a damaged recording may have; csv before Python 3.11 takes none."""
     out = io.StringIO()
-    Csv(out).write('a', Entry(0, '', 'String', {'data\0': 'o\0k'}, 0, b''))
+    csv_lines(out)('a', Entry(0, '', 'String', {'data\0': 'o\0k'}, 0, b''))
     (row,) = csv.DictReader(io.StringIO(out.getvalue()))
     assert (row['field'], row['value']) == (r'data\x00', r'o\x00k')
+
+
+def statistics_of(
+    path: Path, capsys: pytest.CaptureFixture[str], times: Iterable[float], *arguments: object
+) -> Outcome:
+    """Return the statistics of heartbeats on a CAN bus at these times."""
+    lines = [f'({at:.6f}) can0 0CFDE801#090000000000\n' for at in times]
+    path.write_text(''.join(lines), encoding='ascii')
+    return Outcome(capsys, path, '--as', 'statistics', *arguments)
 
 
 def test_statistics_have_rates_gaps_and_the_load_of_the_bus(
@@ -154,13 +163,11 @@ def test_statistics_have_rates_gaps_and_the_load_of_the_bus(
 ) -> None:
     # A heartbeat each 0.1 s for 10 s, but for one pause.
     times = [number / 10 for number in range(101) if not 50 < number < 55]
-    lines = [f'({at:.6f}) can0 0CFDE801#090000000000\n' for at in times]
-    path.write_text(''.join(lines), encoding='ascii')
-    done = Outcome(capsys, path, '--as', 'statistics')
+    done = statistics_of(path, capsys, times)
     assert (done.status, done.error) == (0, '')
     heading, row, load = done.out.splitlines()
     assert heading.split()[:4] == ['source', 'id', 'message', 'count']
-    offset = sum(len(line) for line, at in zip(lines, times, strict=True) if at < 5.5)
+    offset = path.read_text().index('(5.500000)')
     assert row.split() == [
         *('can0', '0CFDE801', 'heartbeat', '97', '9.6', '104.2'),
         *('500.0', 'ms', 'at', str(offset)),
@@ -179,19 +186,15 @@ def test_statistics_have_rates_gaps_and_the_load_of_the_bus(
 def test_load_that_cannot_be_is_not_told_as_one(
     times: Sequence[float], says: str, path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = [f'({at:.6f}) can0 0CFDE801#090000000000\n' for at in times]
-    path.write_text(''.join(lines), encoding='ascii')
-    assert says in Outcome(capsys, path, '--as', 'statistics').out
+    assert says in statistics_of(path, capsys, times).out
 
 
 def test_sound_bus_of_twice_the_rate_has_half_the_load(
     path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = [f'({number / 1000:.6f}) can0 0CFDE801#090000000000\n' for number in range(2000)]
-    path.write_text(''.join(lines), encoding='ascii')
-    loads = []
+    times, loads = [number / 1000 for number in range(2000)], []
     for bitrate in (250000, 500000):
-        out = Outcome(capsys, path, '--as', 'statistics', '--bitrate', bitrate).out
+        out = statistics_of(path, capsys, times, '--bitrate', bitrate).out
         loads.append(float(out.splitlines()[-1].split()[3]))
     assert loads == [46.0, 23.0]
 
@@ -208,9 +211,15 @@ def test_other_programs_of_a_network_are_only_counted(
 
 
 def test_time_that_steps_back_is_said(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = [f'({at}) can0 0CFDE801#090000000000\n' for at in (5.0, 5.1, 1.0, 1.1)]
+    assert 'times: 1 are before' in statistics_of(path, capsys, (5.0, 5.1, 1.0, 1.1)).out
+
+
+def test_rate_is_of_those_that_have_a_time(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = ['  can0  0CFDE801  [6]  09 00 00 00 00 00\n']
+    lines += [f' ({at})  can0  0CFDE801  [6]  09 00 00 00 00 00\n' for at in (5.0, 5.1, 5.2)]
     path.write_text(''.join(lines), encoding='ascii')
-    assert 'times: 1 are before' in Outcome(capsys, path, '--as', 'statistics').out
+    _, row, _ = Outcome(capsys, path, '--as', 'statistics').out.splitlines()
+    assert row.split()[2:6] == ['heartbeat', '4', '10.0', '100.0']
 
 
 def test_senders_without_end_do_not_fill_memory(

@@ -14,18 +14,15 @@ from typing import Any
 
 from mcap.writer import Writer
 import pytest
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, String, UInt8MultiArray
 
 from bridge_core.raw import raw_message
 from bridge_core.transports.tap import Chunk
 from rugged_teleop.recorder.definitions import definition_of
-from rugged_teleop.recorder.ring import Channel, Heard
-from rugged_teleop.recorder.writer import RecordingFile
 from rugged_teleop.why.main import main as why
 from stage.captures import CAN, decoded, STREAMS
-from stage.recordings_rig import recording
+from stage.recordings_rig import recording, write
 from stage.rig import ROOT
 from test.rugged_teleop.decode.test_decode import Outcome
 
@@ -33,17 +30,8 @@ T0 = 1_000_000_000.0
 
 
 def written(folder: Path, messages: Iterator[tuple[float, str, Any]]) -> Path:
-    """Write messages: second, topic, message."""
-    file = RecordingFile(folder / 'a.mcap')
-    file._epoch = T0  # the clock that the labels of raw() have
-    file.add_parameters({'/drive': {'port': '"/dev/ttyUSB0"'}})
-    for at, topic, message in messages:
-        package = type(message).__module__.split('.')[0]
-        kind = f'{package}/msg/{type(message).__name__}'
-        channel = Channel(topic, kind, definition_of(kind))
-        file.write([Heard(at, at, channel, bytes(serialize_message(message)))])
-    file.finish(file.path)
-    return file.path
+    """Write them, by the clock that the labels of raw() have."""
+    return write(folder / 'a.mcap', messages, {'/drive': {'port': '"/dev/ttyUSB0"'}}, T0)
 
 
 def raw(*chunks: tuple[float, int | None, bytes]) -> UInt8MultiArray:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 import os
 from pathlib import Path
@@ -32,43 +31,32 @@ ROBOT = User('robot', 1000, {1000, DIALOUT})
 NODE = '/fort_vsc_bridge'
 
 
-@pytest.mark.parametrize(
-    ('groups', 'entered', 'kind'),
-    [
-        ((1000,), (), 'no permission'),
-        ((1000,), (DIALOUT,), 'not logged in again'),
-        ((1000, DIALOUT), (DIALOUT,), ''),
-    ],
-)
-def test_no_permission(groups: Collection[int], entered: Collection[int], kind: str) -> None:
-    found = port_findings(PORT, User('robot', 1000, groups, entered), NODE)
-    assert kinds(found) == [kind][: bool(kind)]
-    if kind == 'no permission':
-        assert found[0].level is Level.DO
-        assert found[0].remedy == 'sudo usermod -aG dialout robot, then log in again'
-
-
-@pytest.mark.parametrize('entered', [(), (0,)])
-def test_group_that_has_no_right_itself_is_not_the_remedy(entered: Collection[int]) -> None:
-    facts = replace(PORT, mode=0o600, gid=0, group='root')
-    (found,) = port_findings(facts, User('robot', 1000, {1000}, entered), NODE)
-    assert found.kind == 'no group'
-    assert 'usermod' not in found.remedy
+OF_ROOT: dict[str, Any] = {'mode': 0o600, 'gid': 0, 'group': 'root'}
+REMEDIES = {
+    'no permission': 'sudo usermod -aG dialout robot, then log in again',
+    'not logged in again': 'log in again',
+    'no group': 'install the udev rules: docs/common.md, Names for USB devices',
+}
 
 
 @pytest.mark.parametrize(
-    ('facts', 'user'),
+    ('port', 'user', 'kind'),
     [
-        ({'mode': 0o666}, 1000),
-        ({'mode': 0o600, 'uid': 1000}, 1000),
-        ({'mode': 0o000}, 0),
-        ({'allowed': True}, 1000),  # as setfacl -m u:robot:rw does
+        ({}, User('robot', 1000, (1000,)), 'no permission'),
+        ({}, User('robot', 1000, (1000,), (DIALOUT,)), 'not logged in again'),
+        ({}, ROBOT, ''),
+        (OF_ROOT, User('robot', 1000, (1000,)), 'no group'),
+        (OF_ROOT, User('robot', 1000, (1000,), (0,)), 'no group'),
+        (OF_ROOT | {'mode': 0o666}, ROBOT, ''),
+        (OF_ROOT | {'uid': 1000}, ROBOT, ''),
+        (OF_ROOT | {'mode': 0o000}, User('root', 0, ()), ''),
+        (OF_ROOT | {'allowed': True}, ROBOT, ''),  # as setfacl -m u:robot:rw does
     ],
-    ids=['everybody', 'owner', 'root', 'access list'],
 )
-def test_who_may_open_a_port(facts: dict[str, Any], user: int) -> None:
-    found = port_findings(replace(PORT, gid=0, **facts), User('robot', user, {1000}), NODE)
-    assert found == []
+def test_who_may_open_a_port(port: dict[str, Any], user: User, kind: str) -> None:
+    found = port_findings(replace(PORT, **port), user, NODE)
+    expected = [(kind, REMEDIES[kind], Level.DO)] if kind else []
+    assert [(each.kind, each.remedy, each.level) for each in found] == expected
 
 
 @pytest.mark.parametrize(
@@ -139,8 +127,8 @@ def test_holders_are_found_by_descriptor_and_by_lock(tmp_path: Path) -> None:
 
 
 def test_vsc_without_its_udev_rules_is_found(tmp_path: Path) -> None:
-    vsc = UsbPort('/dev/ttyACM0', 'VSC (2a99:d002)', 0x2A99, 0xD002)
-    adapter = UsbPort('/dev/ttyUSB0', 'FT232R (0403:6001 A1)', 0x0403, 0x6001)
+    vsc = UsbPort('/dev/ttyACM0', 'VSC (2a99:d002)', 0x2A99)
+    adapter = UsbPort('/dev/ttyUSB0', 'FT232R (0403:6001 A1)', 0x0403)
     found = list(usb_findings([vsc, adapter], rules=[tmp_path / 'none']))
     assert kinds(found) == ['usb port', 'rules not installed', 'usb port']
     assert kinds(usb_findings([vsc], rules=[tmp_path])) == ['usb port']

@@ -33,31 +33,31 @@ def test_computer(computer: Computer, priority: int, found: list[str]) -> None:
     assert kinds(computer_findings(computer, priority)) == [*found, 'environment']
 
 
+RANGE, LOCALHOST = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY'
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+
 @pytest.mark.parametrize(
-    ('name', 'value', 'found'),
+    ('given', 'found'),
     [
-        ('ROS_DOMAIN_ID', '42', []),
-        ('ROS_DOMAIN_ID', '102', ['other domain']),
-        ('ROS_DOMAIN_ID', 'robot', ['other domain']),
-        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', []),
-        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF', ['no discovery']),
-        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'localhost', ['unknown range']),
-        ('ROS_LOCALHOST_ONLY', '1', ['localhost only']),
-        ('ROS_LOCALHOST_ONLY', 'true', []),
-        ('RMW_IMPLEMENTATION', 'rmw_fastrtps_dynamic_cpp', []),
-        ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', ['other middleware']),
-        ('FASTRTPS_DEFAULT_PROFILES_FILE', __file__, []),
-        ('FASTRTPS_DEFAULT_PROFILES_FILE', '/nowhere.xml', ['no profile']),
-        ('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4', []),
-        ('FASTDDS_BUILTIN_TRANSPORTS', 'DEFAULT', ['shared memory']),
+        ({'ROS_DOMAIN_ID': '42'}, []),
+        ({'ROS_DOMAIN_ID': '102'}, ['other domain']),
+        ({'ROS_DOMAIN_ID': 'robot'}, ['other domain']),
+        ({RANGE: 'LOCALHOST'}, []),
+        ({RANGE: 'OFF'}, ['no discovery']),
+        ({RANGE: 'localhost'}, ['unknown range']),
+        ({LOCALHOST: '1'}, ['localhost only']),
+        ({LOCALHOST: '1', RANGE: 'OFF'}, ['localhost only']),  # which it overrides
+        ({LOCALHOST: 'true'}, []),
+        ({'RMW_IMPLEMENTATION': 'rmw_fastrtps_dynamic_cpp'}, []),
+        ({'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'}, ['other middleware']),
+        ({PROFILE: __file__}, []),
+        ({PROFILE: '/nowhere.xml'}, ['no profile']),
+        ({'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}, []),
+        ({'FASTDDS_BUILTIN_TRANSPORTS': 'DEFAULT'}, ['shared memory']),
     ],
 )
-def test_environment(name: str, value: str, found: list[str]) -> None:
-    findings = list(environment_findings({name: value}))
+def test_environment(given: dict[str, str], found: list[str]) -> None:
+    findings = list(environment_findings(given))
     assert kinds(findings) == [*found, 'environment']
     assert findings[-1].level is Level.FINE
-
-
-def test_localhost_only_overrides_the_range() -> None:
-    both = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF', 'ROS_LOCALHOST_ONLY': '1'}
-    assert kinds(list(environment_findings(both))) == ['localhost only', 'environment']

@@ -461,7 +461,7 @@ def test_full_disk_is_said_and_the_next_recording_tried(
     assert bench.writer.error == ''
 
 
-def test_disk_that_hangs_costs_messages_and_no_memory(
+def test_disk_that_hangs_costs_messages_but_no_memory_and_no_recording(
     tmp_path: Path, make_bench: Callable[[Path], Bench], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = make_bench(tmp_path)
@@ -470,7 +470,9 @@ def test_disk_that_hangs_costs_messages_and_no_memory(
     bench.writer.begin('stop', {}, [])
     for _ in range(1000):
         bench.writer.add([heard(0.0), heard(0.0)])
+    bench.writer.finish('stop', {})
     hang.set()
+    bench.wait('recorded ')
     assert 0 < bench.writer.dropped < 2000
 
 
