@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import select
 import socket
 import time
 from typing import Any
@@ -21,6 +20,7 @@ from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_errors import KINDS, kinds_of
 from stage.can_rig import CanBus, error_frame, message, receive, wait_frames
 from stage.multicast_rig import in_network_namespace
+from stage.port_rig import readable
 from stage.rig import Pty, wait_for
 from stage.run_delay import RunDelay
 
@@ -37,10 +37,6 @@ def bus(request: pytest.FixtureRequest, can_bus: CanBus) -> Iterator[CanBus]:
 
 def counted(transport: CanTransport) -> dict[str, Any]:
     return {name: value for name, value in transport.counts().items() if value}
-
-
-def is_readable(transport: CanTransport) -> bool:
-    return bool(select.select([transport.fileno()], [], [], 0)[0])
 
 
 def arrives(transport: CanTransport) -> list[CanFrame]:
@@ -113,7 +109,7 @@ def test_bus_off_and_lost_frames_are_a_lost_port_that_can_be_opened_again(
 ) -> None:
     peer, transport = bus.endpoint(), bus.transport()
     peer.send(error)
-    wait_for(lambda: is_readable(transport), 5.0, 'the error frame')
+    wait_for(lambda: readable(transport), 5.0, 'the error frame')
     with pytest.raises(TransportError, match=text):
         transport.receive()
     transport.open()
@@ -239,27 +235,20 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     transport.close()
 
 
-def test_serial_adapter_is_for_one_program(pty: Pty) -> None:
-    first = CanTransport('slcan', str(pty.path))
-    second = CanTransport('slcan', f'{pty.path}@115200')
+@pytest.mark.parametrize('interface', ['slcan', 'robotell', 'seeedstudio', 'serial'])
+def test_serial_adapter_is_for_one_program(pty: Pty, interface: str) -> None:
+    first = CanTransport(interface, str(pty.path))
+    second = CanTransport(interface, str(pty.path) + '@115200' * (interface == 'slcan'))
     first.open()
     for _ in range(2):
-        with pytest.raises(TransportError, match=r'cannot open slcan .*: in use by another'):
+        with pytest.raises(TransportError, match=rf'open {interface} .*: in use by another'):
             second.open()
-    pty.write(b'T18FEF53320102\r')
-    assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    if interface == 'slcan':
+        pty.write(b'T18FEF53320102\r')
+        assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
     first.close()
     second.open()
     second.close()
-
-
-@pytest.mark.parametrize('interface', ['robotell', 'seeedstudio', 'serial'])
-def test_other_serial_adapters_are_for_one_program_too(pty: Pty, interface: str) -> None:
-    first, second = (CanTransport(interface, str(pty.path)) for _ in range(2))
-    first.open()
-    with pytest.raises(TransportError, match=rf'cannot open {interface} .*: in use by another'):
-        second.open()
-    first.close()
 
 
 def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:

@@ -35,10 +35,10 @@ class Rig:
         self.lane = Lane(self.node, 'listener lane')
         self.heard: list[Any] = []
 
-    def listen(self, topic: str = 'number', depth: int = 10) -> Callable[[int], None]:
+    def listen(self, topic: str = 'number') -> Callable[[int], None]:
         """Subscribe into ``heard``; return what publishes there, once both have met."""
-        self.lane.subscribe(Int32, topic, self.hear, QoSProfile(depth=depth))
-        return self.publisher(topic, depth)
+        self.lane.subscribe(Int32, topic, self.hear, 10)
+        return self.publisher(topic)
 
     def hear(self, message: Any, info: dict[str, Any]) -> None:
         del info
@@ -177,9 +177,7 @@ def test_lane_that_has_nothing_to_do_sleeps(rig: Rig, monkeypatch: pytest.Monkey
     assert len(waits) < 50
 
 
-def test_set_is_made_anew_for_other_topics_alone(
-    rig: Rig, way: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_set_is_made_anew_for_topics(rig: Rig, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if way != 'wait set':
         return
     real, made = rclpy_inner.make_wait_set, []
@@ -249,9 +247,7 @@ def test_nothing_comes_after_a_callback_has_unsubscribed(rig: Rig) -> None:
     rig.wait_heard(0, 99)
 
 
-def test_callback_that_raises_is_reported_and_loses_nothing_else(
-    rig: Rig, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_callback_that_raises_loses_no_other(rig: Rig, capfd: pytest.CaptureFixture[str]) -> None:
     def on_message(message: Any, info: dict[str, Any]) -> None:
         rig.hear(message, info)
         raise ZeroDivisionError
@@ -440,9 +436,7 @@ def test_timer_is_called_when_it_is_due(
     assert rig.heard == called
 
 
-def test_what_is_not_urgent_wakes_no_lane_that_rests_and_comes_in_its_order(
-    rig: Rig, way: str
-) -> None:
+def test_what_is_not_urgent_wakes_no_resting_lane(rig: Rig, way: str) -> None:
     rig.lane.subscribe(Int32, 'sticks', rig.hear, 10, urgent=False)
     say_sticks, say_stop = rig.publisher('sticks'), rig.listen('stop')
     rig.lane.rests = True
@@ -469,7 +463,7 @@ def test_wait_is_as_long_as_to_the_next_timer(rig: Rig, time: Any) -> None:
     assert rig.lane._timeout() == 0.0
 
 
-def test_faults_are_reported_once_a_second(
+def test_faults_are_told_each_second(
     rig: Rig, time: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for at in (0.0, 0.9, 1.0, 1.9, 2.0):
@@ -567,7 +561,7 @@ def test_timer_that_raises_ends_the_thread_which_is_told(
     assert rig.lane.call(threading.current_thread) is threading.current_thread()
 
 
-def test_lane_that_hangs_is_silent_alone(
+def test_lane_that_hangs_is_alone(
     rig: Rig, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lane_module, '_CALL_LIMIT', 0.1)

@@ -3,10 +3,10 @@
 
 """The multicast port: who hears whom, and interfaces that vanish and come back."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
-import select
+import functools
 import socket
 from typing import Any
 
@@ -16,9 +16,18 @@ from bridge_core.transports import multicast, TransportError
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.multicasts import GROUP, LOOPBACK
 from stage.multicast_rig import free_port, in_network_namespace, run_ip
+from stage.port_rig import readable
 from stage.rig import wait_for
 
 Ports = tuple[MulticastTransport, MulticastTransport]
+
+
+def in_a_network_of_its_own(test: Callable[..., None]) -> Callable[..., None]:
+    @functools.wraps(test)
+    def run(**given: Any) -> None:
+        in_network_namespace(lambda: test(**given))
+
+    return run
 
 
 def pair(port: int, address: str = LOOPBACK, **options: Any) -> Ports:
@@ -37,13 +46,9 @@ def ends() -> Iterator[Ports]:
     theirs.close()
 
 
-def readable(transport: MulticastTransport, timeout: float = 2.0) -> bool:
-    return bool(select.select([transport.fileno()], [], [], timeout)[0])
-
-
 def heard(transport: MulticastTransport) -> list[bytes]:
     """Return the next datagrams. :raises AssertionError: none comes."""
-    return wait_for(lambda: transport.receive() if readable(transport, 0.1) else [], 2.0)
+    return wait_for(lambda: transport.receive() if readable(transport) else [], 2.0)
 
 
 def test_datagrams_keep_their_bounds_both_ways(ends: Ports) -> None:
@@ -166,16 +171,14 @@ def test_refused_by_the_kernel_is_a_lost_port_and_a_busy_line_drops(
         ours.receive()
 
 
+@in_a_network_of_its_own
 def test_every_address_of_an_interface_is_found() -> None:
-    def body() -> None:
-        add_cable()
-        run_ip('address', 'add', '192.0.2.3/24', 'dev', 'near')
-        for address in ('192.0.2.1', '192.0.2.3', LOOPBACK):
-            ours = pair(free_port(), address)[0]
-            ours.open()
-            ours.close()
-
-    in_network_namespace(body)
+    add_cable()
+    run_ip('address', 'add', '192.0.2.3/24', 'dev', 'near')
+    for address in ('192.0.2.1', '192.0.2.3', LOOPBACK):
+        ours = pair(free_port(), address)[0]
+        ours.open()
+        ours.close()
 
 
 # -- interfaces that go and come ------------------------------------------------------------------
@@ -208,100 +211,90 @@ def is_plugged() -> bool:
     ],
     ids=['deleted', 'down', 'unplugged', 'without address'],
 )
+@in_a_network_of_its_own
 def test_vanished_interface_is_noticed_without_sending_and_joined_again(
     leave: tuple[str, ...], come_back: tuple[str, ...] | None
 ) -> None:
-    def body() -> None:
+    add_cable()
+    ours, theirs = pair(free_port(), '192.0.2.1')
+    ours.open()
+    theirs.open()
+    theirs.send(b'before')
+    assert heard(ours) == [b'before']
+    run_ip(*leave)
+
+    def lost() -> bool:
+        readable(ours)
+        try:
+            ours.receive()
+        except TransportError as error:
+            return 'interface' in str(error)
+        return False
+
+    wait_for(lost, 5.0, 'the loss of the interface')
+    ours.close()
+    with pytest.raises(TransportError, match='interface'):
+        ours.open()
+    if come_back is None:
         add_cable()
-        ours, theirs = pair(free_port(), '192.0.2.1')
-        ours.open()
-        theirs.open()
-        theirs.send(b'before')
-        assert heard(ours) == [b'before']
-        run_ip(*leave)
-
-        def lost() -> bool:
-            readable(ours, 0.1)
-            try:
-                ours.receive()
-            except TransportError as error:
-                return 'interface' in str(error)
-            return False
-
-        wait_for(lost, 5.0, 'the loss of the interface')
-        ours.close()
-        with pytest.raises(TransportError, match='interface'):
-            ours.open()
-        if come_back is None:
-            add_cable()
-        else:
-            run_ip(*come_back)
-        wait_for(is_plugged, 5.0, 'the cable')
-        ours.open()
-        theirs.close()
-        theirs.open()
-        theirs.send(b'after')
-        assert heard(ours) == [b'after']
-        ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
+    else:
+        run_ip(*come_back)
+    wait_for(is_plugged, 5.0, 'the cable')
+    ours.open()
+    theirs.close()
+    theirs.open()
+    theirs.send(b'after')
+    assert heard(ours) == [b'after']
+    ours.close()
+    theirs.close()
 
 
+@in_a_network_of_its_own
 def test_cable_is_of_no_matter_where_nothing_leaves_the_machine() -> None:
-    def body() -> None:
-        add_cable()
-        ours, theirs = pair(free_port(), '192.0.2.1', needs_cable=False)
-        ours.open()
-        theirs.open()
-        run_ip('link', 'set', 'far', 'down')
-        wait_for(lambda: not is_plugged(), 5.0, 'the loss of the cable')
-        assert ours.receive() == []
-        theirs.send(b'beside us')
-        assert heard(ours) == [b'beside us']
-        ours.close()
-        ours.open()
-        ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
+    add_cable()
+    ours, theirs = pair(free_port(), '192.0.2.1', needs_cable=False)
+    ours.open()
+    theirs.open()
+    run_ip('link', 'set', 'far', 'down')
+    wait_for(lambda: not is_plugged(), 5.0, 'the loss of the cable')
+    assert ours.receive() == []
+    theirs.send(b'beside us')
+    assert heard(ours) == [b'beside us']
+    ours.close()
+    ours.open()
+    ours.close()
+    theirs.close()
 
 
+@in_a_network_of_its_own
 def test_change_of_another_interface_is_no_loss() -> None:
-    def body() -> None:
-        add_cable()
-        ours = pair(free_port())[0]
-        ours.open()
-        run_ip('link', 'delete', 'near')
-        assert readable(ours)
-        assert ours.receive() == []
-        ours.close()
-
-    in_network_namespace(body)
+    add_cable()
+    ours = pair(free_port())[0]
+    ours.open()
+    run_ip('link', 'delete', 'near')
+    assert readable(ours, 2.0)
+    assert ours.receive() == []
+    ours.close()
 
 
+@in_a_network_of_its_own
 def test_without_an_address_the_routing_table_decides() -> None:
-    def body() -> None:
-        port = free_port()
-        ours = MulticastTransport(GROUP, port, port + 2)
-        with pytest.raises(TransportError, match='set interface_address'):
-            ours.open()
-        add_cable()
-        run_ip('route', 'add', '239.0.0.0/8', 'dev', 'near')
+    port = free_port()
+    ours = MulticastTransport(GROUP, port, port + 2)
+    with pytest.raises(TransportError, match='set interface_address'):
         ours.open()
-        theirs = pair(port, '192.0.2.1')[1]
-        theirs.open()
-        theirs.send(b'routed')
-        assert heard(ours) == [b'routed']
-        ours.close()
-        theirs.close()
+    add_cable()
+    run_ip('route', 'add', '239.0.0.0/8', 'dev', 'near')
+    ours.open()
+    theirs = pair(port, '192.0.2.1')[1]
+    theirs.open()
+    theirs.send(b'routed')
+    assert heard(ours) == [b'routed']
+    ours.close()
+    theirs.close()
 
-    in_network_namespace(body)
 
-
-def test_lost_announcements_are_taken_for_a_change(
-    ends: Ports, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_announcements_are_a_change(ends: Ports, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = ends[0]
     looked: list[str] = []
 

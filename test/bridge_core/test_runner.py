@@ -53,9 +53,7 @@ class Node:
 
 
 @pytest.mark.parametrize('acknowledged', [True, False])
-def test_publisher_leaves_after_its_last_stop_is_acknowledged_or_given_up(
-    acknowledged: bool,
-) -> None:
+def test_publisher_leaves_after_its_last_stop_arrived_or_not(acknowledged: bool) -> None:
     """A reader drops what it has not yet taken in of a writer that it sees leave."""
     nodes = [Node(acknowledged=acknowledged), Node()]
     runner._leave(list(nodes))  # type: ignore[arg-type]
@@ -81,9 +79,7 @@ def test_actuators_leave_first_and_all_do_whatever_one_raises(
     assert all(node.story[-1] == 'gone' for node in nodes.values())
 
 
-def test_executors_that_hang_hold_the_farewells_up_together(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_executors_that_hang_hold_farewells_up_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half a second each, of a stack, would keep its first actuator moving for some."""
     gate = threading.Event()
     monkeypatch.setattr(runner, 'SingleThreadedExecutor', mock.MagicMock)
@@ -136,9 +132,7 @@ def test_process_ends_after_its_threads() -> None:
     ('module', 'arguments'),
     [('safety_mux.node', ()), ('rugged_teleop.stack', ('--', 'safety_mux'))],
 )
-def test_signals_until_the_very_end_leave_the_status_at_0(
-    module: str, arguments: tuple[str, ...]
-) -> None:
+def test_signals_to_the_very_end_leave_status_0(module: str, arguments: tuple[str, ...]) -> None:
     with NodeProcess(module, namespace=namespace(), arguments=arguments) as node:
         node.wait_output('[INFO]')
 
@@ -168,9 +162,7 @@ def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> No
     assert [node() for node in nodes] == [None]
 
 
-def test_what_is_refused_is_left_for_the_ledger_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refusal_is_left_for_the_ledger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     arguments = ['node', '--ros-args', '-p', 'rate:=0.0']
     assert runner.run([SafetyMux], arguments) == 2
@@ -314,9 +306,7 @@ def threads(process: NodeProcess) -> list[str]:
 
 
 @pytest.mark.parametrize('given', [{RANGE: 'LOCALHOST'}, {RANGE: 'SUBNET'}])
-def test_nodes_use_no_shared_memory(
-    environment: pytest.MonkeyPatch, given: dict[str, str]
-) -> None:
+def test_no_shared_memory_is_used(environment: pytest.MonkeyPatch, given: dict[str, str]) -> None:
     set_all(environment, given)
     with NodeProcess('safety_mux.node', namespace=namespace()) as mux:
         mux.wait_output('STOPPED')

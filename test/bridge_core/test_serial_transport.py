@@ -62,7 +62,7 @@ def test_bytes_of_all_values_pass_both_ways(peer: Peer, transport: SerialTranspo
     peer.wait_received(ALL_BYTES)
 
 
-def test_stalled_peer_ends_in_an_error_and_close_does_not_wait(
+def test_stalled_peer_is_an_error_and_close_waits_not(
     peer: Any, transport: SerialTransport
 ) -> None:
     transport.open()

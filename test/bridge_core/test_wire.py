@@ -193,9 +193,7 @@ def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
 
 
 @pytest.mark.parametrize('at_once', [False, True])
-def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(
-    bench: WireBench, at_once: bool
-) -> None:
+def test_port_of_an_earlier_activation_is_closed_at_last(bench: WireBench, at_once: bool) -> None:
     old, new = bench.port, bench.make_port('new port')
     bench.begin_opening()
     bench.port = new
@@ -239,7 +237,7 @@ def test_input_of_a_freeze_is_discarded_without_a_wait_and_is_a_stop(bench: Wire
 
 
 @pytest.mark.parametrize(('late', 'stops'), [(0.2, False), (0.2001, True), (0.15, False)])
-def test_freeze_counts_from_a_fifth_of_a_second_on(
+def test_freeze_counts_from_a_fifth_of_a_second(
     bench: WireBench, late: float, stops: bool
 ) -> None:
     bench.owner.next = 0.0625  # so that the sum with the time of the freeze has no rounding
@@ -378,9 +376,7 @@ def test_refused_request_still_has_the_session_say_what_it_wants(bench: WireBenc
     assert bench.wire.status.is_open
 
 
-def test_request_that_waits_for_the_device_is_refused_while_the_port_is_closed(
-    bench: WireBench,
-) -> None:
+def test_request_that_waits_for_the_device_needs_an_open_port(bench: WireBench) -> None:
     absent(bench)
     done: list[float] = []
     number = bench.do(done.append, waits=True, key='reset')
@@ -493,9 +489,7 @@ def test_frame_of_a_stop_goes_out_before_the_owner_is_told(bench: WireBench) -> 
     assert bench.log() == ['sent stop', 'sent stop', 'stop True']
 
 
-def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again_soon(
-    bench: WireBench,
-) -> None:
+def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again(bench: WireBench) -> None:
     bench.open()
     bench.session.told_sent.clear()
     bench.session.due = 0.0  # at once, as ever while a frame waits
@@ -519,9 +513,7 @@ def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again_soon(
         (True, ['stop True', 'bad cannot write', 'event closed']),  # its session has told it
     ],
 )
-def test_port_that_is_lost_at_a_write_is_a_stop(
-    bench: WireBench, stops: bool, log: list[str]
-) -> None:
+def test_port_lost_at_a_write_is_a_stop(bench: WireBench, stops: bool, log: list[str]) -> None:
     bench.run()
     bench.log()
     fails(bench.port, 'send', 'cannot write')
@@ -725,9 +717,7 @@ def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> 
     assert bench.session.calls.count('closed') == 1
 
 
-def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
-    bench: WireBench,
-) -> None:
+def test_deactivation_waits_for_no_port_of_an_earlier_activation(bench: WireBench) -> None:
     bench.begin_opening()
     bench.step()
     bench.go_on(0.1)
@@ -808,9 +798,7 @@ def test_port_that_is_being_opened_has_its_time_for_the_farewell(
     assert bench.port.calls['close'] == 1
 
 
-def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
-    bench: WireBench,
-) -> None:
+def test_deactivation_behind_an_activation_opens_the_port_for_it(bench: WireBench) -> None:
     """The device may be moving: so it is where a wire died that nobody had deactivated."""
     bench.activate()
     bench.deactivate()
@@ -828,6 +816,7 @@ def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
         (5, 0.005, ['sent bye 1', 'sent bye 2'], []),
         (101, 0.1, ['sent bye 2'], ['bad no farewell: port takes nothing']),
         (10**9, 0.1, [], ['bad no farewell: port takes nothing']),
+        (-1, 0.0, [], ['bad no farewell: unplugged']),  # it is lost
     ],
 )
 def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
@@ -837,6 +826,8 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     bench.log()
     bench.session.told_sent.clear()
     bench.port.busy = busy
+    if busy < 0:
+        fails(bench.port, 'send', 'unplugged')
     then = bench.now
     bench.deactivate()
     bench.step()
@@ -845,6 +836,7 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     assert [f'sent {frame.decode()}' for frame, _ in bench.session.told_sent] == sent
     assert bench.wire.left_safe == (not said)
     assert not bench.port.is_open
+    assert bench.ends[-1] == (2, '')
 
 
 def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
@@ -867,23 +859,8 @@ def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
     assert bench.wire.left_safe
 
 
-def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:
-    bench.run()
-    bench.log()
-    bench.session.told_sent.clear()
-    fails(bench.port, 'send', 'unplugged')
-    bench.deactivate()
-    bench.step()
-    assert bench.log() == ['bad no farewell: unplugged', 'stop True', 'event closed']
-    assert bench.session.told_sent == []
-    assert not bench.port.is_open
-    assert bench.ends[-1] == (2, '')
-
-
 @pytest.mark.parametrize('name', ['farewell', 'closed'])
-def test_fault_while_leaving_still_closes_and_never_opens_again(
-    bench: WireBench, name: str
-) -> None:
+def test_fault_while_leaving_closes_and_never_opens_again(bench: WireBench, name: str) -> None:
     bench.expects_fault = True
     bench.run()
     bench.session.faults.add(name)
@@ -911,7 +888,7 @@ def test_new_activation_leaves_the_port_of_the_last_one_with_a_farewell(bench: W
 
 
 @pytest.mark.parametrize('up_for', [0.0, 1e6])
-def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(
+def test_end_of_requests_is_that_of_the_wire_with_farewell(
     bench: WireBench, up_for: float
 ) -> None:
     """However long the computer was up as it began."""
@@ -949,9 +926,7 @@ def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
 
 
 @pytest.mark.parametrize('farewell_fails', [False, True])
-def test_fault_says_farewell_is_a_stop_backs_off_and_ends(
-    bench: WireBench, farewell_fails: bool
-) -> None:
+def test_fault_says_farewell_stops_backs_off_ends(bench: WireBench, farewell_fails: bool) -> None:
     bench.expects_fault = True
     bench.run()
     bench.log()
@@ -979,7 +954,7 @@ def test_fault_says_farewell_is_a_stop_backs_off_and_ends(
 
 
 @pytest.mark.parametrize('name', ['opened', 'receive', 'poll', 'deadline', 'on_events'])
-def test_whoever_fails_at_an_open_port_has_it_closed_and_tried_again(
+def test_whoever_fails_at_a_port_has_it_closed_and_tried_again(
     bench: WireBench, name: str
 ) -> None:
     bench.expects_fault = True
