@@ -100,9 +100,7 @@ SERVO_COMMANDS = [
 
 
 @pytest.mark.parametrize(('message', 'positions'), SERVO_COMMANDS)
-def test_servos_by_name_some_of_them_or_all_in_order(
-    message: Any, positions: dict[str, float]
-) -> None:
+def test_servos_by_name_or_all_in_order(message: Any, positions: dict[str, float]) -> None:
     assert convert.servo_command(message, NAMES) == positions
 
 
@@ -151,7 +149,7 @@ REJECTED = [  # a request, and why it is rejected
 
 
 @pytest.mark.parametrize(('convert_it', 'text'), REJECTED)
-def test_request_that_makes_no_sense_is_rejected_in_few_words(
+def test_request_without_sense_is_told_in_few_words(
     convert_it: Callable[[], Any], text: str
 ) -> None:
     with pytest.raises(ValueError, match=text) as rejection:
@@ -246,9 +244,7 @@ AUX_VALUES: list[tuple[AuxChannel, str, dict[str, str]]] = [
 
 
 @pytest.mark.parametrize(('channel', 'function', 'values'), AUX_VALUES)
-def test_auxiliary_channel_in_words(
-    channel: AuxChannel, function: str, values: dict[str, str]
-) -> None:
+def test_aux_channel_in_words(channel: AuxChannel, function: str, values: dict[str, str]) -> None:
     assert convert.aux_values(channel) == {'function': function, **values}
     message = convert.aux_inputs([channel], 'name', 'hardware')
     assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
