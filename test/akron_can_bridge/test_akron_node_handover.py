@@ -83,10 +83,7 @@ FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, Fal
         ('tells, dies, activates, asks', [AGAIN]),  # by then there may be another unit
         ('tells, activates, dies, asks', [AGAIN]),  # a wire that told nothing
         ('tells, activates, dies, asks, tells, dies, asks', [AGAIN, FOLLOW]),
-        (
-            'limits, asks',
-            [LIMITED, (Session.limit_directions,), NOBODY],
-        ),
+        ('limits, asks', [LIMITED, (Session.limit_directions,), NOBODY]),
     ],
 )
 def test_session_that_asks_is_told_what_those_before_had_to_tell(

@@ -498,9 +498,7 @@ def test_button_is_not_pressed_anew_for_a_unit_that_forgot_it(
 
 
 @pytest.mark.parametrize('address', [None, 0x90])
-def test_permission_that_was_not_taken_back_is_taken_back_at_the_former_address(
-    address: int | None,
-) -> None:
+def test_permission_is_taken_back_at_the_former_address_too(address: int | None) -> None:
     bench = permitted_bench()
     bench.refuses = everything
     bench.session.interrupted('messages were lost', bench.now)
@@ -580,9 +578,7 @@ def test_switch_of_which_one_frame_went_out_is_pressed_no_more() -> None:
         (Request.POLL_VERSIONS, ['03', '04', '05']),
     ],
 )
-def test_request_that_did_not_go_out_goes_soon_and_once(
-    request_: Request, data: list[str]
-) -> None:
+def test_request_that_did_not_go_out_goes_once(request_: Request, data: list[str]) -> None:
     bench = Bench().find_unit()
     bench.run(1.5)
     start, bench.refuses = bench.now, everything

@@ -97,7 +97,7 @@ def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> M
         ((100, 900, 900), 1, False),  # a jump
     ],
 )
-def test_two_steps_of_half_a_degree_are_motion(
+def test_two_half_degrees_are_motion(
     places: tuple[int, ...], began: int | None, moves: bool
 ) -> None:
     motion = turning(*places)
@@ -131,7 +131,7 @@ def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
     assert motion.moving(since + 2 * PERIOD)
 
 
-SWITCH_4, SWITCH_7, SWITCH_8, SWITCH_9 = 4, 7, 8, 9
+SWITCH_4, SWITCH_8 = 4, 8
 AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
 
 
@@ -214,9 +214,7 @@ def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end
 
 
 @pytest.mark.parametrize('switch', [SWITCH_4, SWITCH_8])
-def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
-    switch: int,
-) -> None:
+def test_stop_withdraws_the_permission_and_a_reset_does_not_give_it(switch: int) -> None:
     bench = Loop(soe_permissive=True, **AUTOMATIC)
     bench.unit.apply('soe on')
     bench.unit.apply('position 1 170')
@@ -243,11 +241,11 @@ OURS_TO_PAUSE: dict[str, Any] = {
 }
 
 
-def presses(bench: Turning, seconds: float = 2 * COAST) -> list[float]:
+def presses(bench: Turning) -> list[float]:
     """Return when a stop presses switch 7, as seconds since its start."""
     start = bench.now
     bench.estop_in(True)
-    bench.run(seconds, REST, estop=True)
+    bench.run(2 * COAST, REST, estop=True)
     return [at - start for at, frame in bench.sent if at >= start and frame.data == PAUSE]
 
 
@@ -324,9 +322,7 @@ PLAYS = st.tuples(
 
 
 @given(st.lists(PLAYS, min_size=3, max_size=6))
-def test_whatever_a_hand_does_a_press_pauses_what_runs(
-    plays: list[tuple[str, bool, str, int]],
-) -> None:
+def test_whatever_a_hand_does_a_press_pauses(plays: list[tuple[str, bool, str, int]]) -> None:
     loop, last = deepcopy(swinging()), NEUTRAL
     for command, stop, hand, slots in [*plays, ('rest', True, '', 9), ('rest', False, '', 9)]:
         loop.ours.command, loop.ours.stop = COMMANDS[command], stop
