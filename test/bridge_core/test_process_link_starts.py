@@ -146,7 +146,6 @@ def test_environment_is_that_of_the_node(monkeypatch: pytest.MonkeyPatch, tmp_pa
 def test_spare_takes_over_from_a_wire_that_dies_and_tells_what_it_knows(bench: Bench) -> None:
     wire, spare = bench.start_both()
     wire.die()
-    bench.step()
     assert bench.owner.told[-1]
     spare.beat()
     bench.step()
@@ -172,7 +171,6 @@ def test_spare_turns_before_the_loss_is_told(
     told: list[list[str]] = []
     monkeypatch.setattr(bench.owner, 'link_changed', lambda text, ok: told.append(spare.told()))
     wire.die()
-    bench.step()
     assert told == [['turn']]
 
 
@@ -180,7 +178,6 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
     wire, _ = bench.start_both()
     wire.beat()
     wire.die()
-    bench.step()
     bench.step()
     assert bench.link.request(Call('say', ('x' * 70000,)))
     bench.step()
@@ -190,9 +187,7 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
 def test_each_loss_is_reported_at_once(bench: Bench) -> None:
     wire, spare = bench.start_both()
     wire.die()
-    bench.step()
     spare.die(-35)
-    bench.step()
     assert [report.link.values['last wire'] for report in bench.owner.reports] == [
         'was killed by SIGKILL',
         'was killed by signal 35',
@@ -203,7 +198,6 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
     _, spare = bench.start_both()
     began = bench.now
     spare.die()
-    bench.step()
     assert bench.now == began
     assert spare.waited == [None]
     bench.live(bench.now + 0.5)

@@ -82,7 +82,6 @@ def test_wire_whose_wait_fails_pauses_and_says_stop(monkeypatch: pytest.MonkeyPa
 
     bench.expects_fault = True
     bench.run()
-    bench.log()
     monkeypatch.setattr(wire, 'ready', fails_to_wait)
     monkeypatch.setattr(wire, 'time', SimpleNamespace(sleep=sleep))
     bench.wire.run()

@@ -219,7 +219,6 @@ def test_port_of_an_earlier_activation_is_closed_at_last(bench: WireBench, at_on
 
 def test_input_of_a_freeze_is_discarded_without_a_wait_and_is_a_stop(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.port.say(b'old')
     bench.late = 1.0
     bench.step()
@@ -286,7 +285,6 @@ def test_freeze_while_the_port_opens_makes_what_came_old_news(bench: WireBench) 
 
 def test_port_that_is_lost_in_a_freeze_is_lost_in_the_step_after_it(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.port.unplug()
     bench.late = 1.0
     bench.step()
@@ -317,7 +315,6 @@ def test_flood_without_an_end_cannot_keep_the_stop_of_a_freeze_waiting(bench: Wi
 def test_fault_of_a_request_closes_the_port_and_keeps_the_others(bench: WireBench) -> None:
     bench.expects_fault = True
     bench.run()
-    bench.log()
     done: list[float] = []
     bench.do(fault)
     bench.do(done.append)
@@ -440,14 +437,9 @@ def device_falls_silent(bench: WireBench) -> None:
     bench.session.verdict = Verdict.stop(link_up=False)
 
 
-def deactivate(bench: WireBench) -> None:
-    bench.deactivate()
-    bench.step()
-
-
 def deactivate_twice(bench: WireBench) -> None:
-    deactivate(bench)
-    deactivate(bench)
+    bench.deactivate()
+    bench.deactivate()
 
 
 @pytest.mark.parametrize(
@@ -456,7 +448,7 @@ def deactivate_twice(bench: WireBench) -> None:
         (nothing, 'something was lost', False),
         (device_falls_silent, 'something was lost', False),
         (WireBench.lose, 'port: unplugged', True),
-        (deactivate, 'the node is not active', True),
+        (WireBench.deactivate, 'the node is not active', True),
         (deactivate_twice, 'the node is not active', True),
     ],
 )
@@ -482,7 +474,6 @@ def test_owner_that_lost_something_gets_a_stop_once_and_what_came_with_it(
 
 def test_frame_of_a_stop_goes_out_before_the_owner_is_told(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.do(lambda now: setattr(bench.session, 'stop', True), stop=True)
     bench.do(lambda now: bench.session.interrupted('why', now), stop=True)
     bench.step()
@@ -515,7 +506,6 @@ def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again(bench: WireB
 )
 def test_port_lost_at_a_write_is_a_stop(bench: WireBench, stops: bool, log: list[str]) -> None:
     bench.run()
-    bench.log()
     fails(bench.port, 'send', 'cannot write')
     bench.session.stop = stops
     if stops:
@@ -598,7 +588,6 @@ def test_tap_sees_both_directions_and_what_was_dropped_not(bench: WireBench) -> 
     bench.step()
     bench.hear(b'heard')
     bench.deactivate()
-    bench.step()
     bench.requests.end()
     bench.wire.run()
     chunks: list[Chunk] = []
@@ -701,10 +690,8 @@ FAREWELL = [b'hello', b'bye 1', b'bye 2']
 
 def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.now == then
     assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
     assert [frame for frame, _ in bench.session.told_sent][-2:] == [b'bye 1', b'bye 2']
@@ -725,10 +712,8 @@ def test_deactivation_waits_for_no_port_of_an_earlier_activation(bench: WireBenc
     then = bench.now
     bench.activate()
     bench.deactivate()
-    bench.step()
     assert bench.now == pytest.approx(then + 0.25)  # for the first of them, and once
     bench.deactivate()
-    bench.step()
     assert bench.ends[1:] == [(2, ''), (3, ''), (4, '')]
 
 
@@ -743,7 +728,6 @@ def test_deactivation_waits_shortly_for_a_port_that_opens_and_shows_that_it_does
     bench.owner.next = next_pace
     bench.owner.paced.clear()
     bench.deactivate()
-    bench.step()
     assert bench.now == pytest.approx(then + 0.25)
     assert bench.ends[-1] == (2, '')
     assert bench.log() == ['bad no farewell: port was still being opened']
@@ -767,7 +751,6 @@ def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> N
     then = bench.now
     bench.owner.on_pace = fail
     bench.deactivate()
-    bench.step()
     assert bench.ends[-1] == (2, '')
     assert 'no farewell: port was still being opened' in bench.log()[-1]
 
@@ -783,7 +766,6 @@ def test_port_that_is_being_opened_has_its_time_for_the_farewell(
     bench.during_wait = lambda: bench.open_ports() if bench.now > then + opens else None
     if deactivated:
         bench.deactivate()
-        bench.step()
     else:
         bench.requests.end()
         bench.wire.run()
@@ -802,7 +784,6 @@ def test_deactivation_behind_an_activation_opens_the_port_for_it(bench: WireBenc
     """The device may be moving: so it is where a wire died that nobody had deactivated."""
     bench.activate()
     bench.deactivate()
-    bench.step()
     assert bench.port.sent == FAREWELL
     assert not bench.port.is_open
     assert bench.ends == [(1, ''), (2, '')]
@@ -823,14 +804,12 @@ def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     bench: WireBench, busy: int, seconds: float, sent: list[str], said: list[str]
 ) -> None:
     bench.run()
-    bench.log()
     bench.session.told_sent.clear()
     bench.port.busy = busy
     if busy < 0:
         fails(bench.port, 'send', 'unplugged')
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.now - then == pytest.approx(seconds, abs=2e-3)
     assert bench.log() == [*sent, *said, 'stop True', 'event closed']
     assert [f'sent {frame.decode()}' for frame, _ in bench.session.told_sent] == sent
@@ -843,7 +822,6 @@ def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
     bench: WireBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench.run()
-    bench.log()
     receive = bench.port.receive
 
     def answered() -> list[bytes]:
@@ -854,7 +832,6 @@ def test_farewell_reads_what_a_line_on_which_one_speaks_at_a_time_waits_for(
     bench.port.busy = 10**9
     bench.port.say(b'answer')
     bench.deactivate()
-    bench.step()
     assert bench.log()[:2] == ['sent bye 1', 'sent bye 2']
     assert bench.wire.left_safe
 
@@ -865,7 +842,6 @@ def test_fault_while_leaving_closes_and_never_opens_again(bench: WireBench, name
     bench.run()
     bench.session.faults.add(name)
     bench.deactivate()
-    bench.step()
     assert bench.owner.told[-1] or name == 'closed'  # then these words are the stop
     assert 'bad internal error' in str(bench.owner.log)
     assert not bench.port.is_open
@@ -877,7 +853,6 @@ def test_fault_while_leaving_closes_and_never_opens_again(bench: WireBench, name
 def test_new_activation_leaves_the_port_of_the_last_one_with_a_farewell(bench: WireBench) -> None:
     bench.run()
     old, bench.port = bench.port, bench.make_port('new port')
-    bench.log()
     bench.activate()
     bench.step()
     assert not old.is_open
@@ -929,7 +904,6 @@ def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
 def test_fault_says_farewell_stops_backs_off_ends(bench: WireBench, farewell_fails: bool) -> None:
     bench.expects_fault = True
     bench.run()
-    bench.log()
     bench.owner.faults.add('pace')
     if farewell_fails:
         bench.session.faults.add('farewell')
