@@ -234,13 +234,6 @@ def test_stop_withdraws_the_permission_and_a_reset_does_not_give_it(switch: int)
 # -- requests -------------------------------------------------------------------------------------
 
 
-OURS_TO_PAUSE: dict[str, Any] = {
-    'automatic_motion': True,
-    'button_switches': (4,),
-    'pause_on_stop': True,
-}
-
-
 def presses(bench: Turning) -> list[float]:
     """Return when a stop presses switch 7, as seconds since its start."""
     start = bench.now
@@ -287,7 +280,7 @@ NOT_OURS = [
 
 @pytest.mark.parametrize('script', NOT_OURS)
 def test_oscillation_that_something_else_may_explain_is_not_paused(script: str) -> None:
-    bench = Turning(allowed_joysticks=frozenset({0x33}), **OURS_TO_PAUSE)
+    bench = Turning(allowed_joysticks=frozenset({0x33}), **PAUSES)
     bench.play(script)
     assert presses(bench) == []
 
@@ -303,7 +296,7 @@ def test_unit_that_tells_of_no_pause_is_believed_no_more() -> None:
 @cache
 def swinging() -> Loop:
     """Return a bus whose unit oscillates as we asked; no motion of it is a stop."""
-    loop = Loop(estop_on=frozenset(Cause) - {Cause.MOTION}, **OURS_TO_PAUSE)
+    loop = Loop(estop_on=frozenset(Cause) - {Cause.MOTION}, **PAUSES)
     loop.unit.apply('pausetold on')
     for command in (REST, OSCILLATE, REST):
         loop.ours.command = command
@@ -341,9 +334,9 @@ def test_parameter_that_can_press_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match='pause_on_stop needs 4 in button_switches'):
         Settings(automatic_motion=True, button_switches=(7,), pause_on_stop=True)
     with pytest.raises(ValueError, match='type 81, which a 6032 alone sends'):
-        Settings(device_type=1052, **OURS_TO_PAUSE)
+        Settings(device_type=1052, **PAUSES)
     for kind in (0, 1032):
-        Settings(device_type=kind, **OURS_TO_PAUSE)
+        Settings(device_type=kind, **PAUSES)
 
 
 @pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])

@@ -49,8 +49,7 @@ from stage.session_rig import SessionBench
 
 
 def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
+    bench = Bench().play('find; 1.5 rest')
     start = bench.now
     bench.take(OPERATIONAL_ERROR)
     assert bench.asked(start) == ['02']
@@ -131,8 +130,7 @@ def test_request_is_sent_once_and_answered_as_acknowledged(request_: Request, da
     bench = Bench().find_unit()
     bench.run(1.5)
     start = bench.now
-    bench.session.request(request_, bench.now)
-    bench.poll()
+    bench.play(f'ask {request_.value}')
     bench.run(0.5)
     assert bench.asked(start) == [data]
     events = bench.take(ef(data, destination=OURS))
@@ -271,7 +269,7 @@ def test_request_that_cannot_be_now_is_refused_in_words(
     start = bench.now
     if request_ in refused:
         with pytest.raises(ValueError, match=text):
-            bench.session.request(request_, bench.now)
+            bench.play(f'ask {request_.value}')
         bench.poll()
         assert bench.asked(start) == []
     else:
@@ -412,8 +410,7 @@ def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
     bench = Turning().ready()
     bench.events.clear()
     start = bench.now
-    bench.session.request(Request.ENTER_SETUP, bench.now)
-    bench.poll()
+    bench.play('ask enter_setup')
     assert of(Handover, bench.events)[-1].in_setup
     assert bench.asked(start) == []
     bench.wait(SLOT)

@@ -297,8 +297,7 @@ def test_readdressed_in_the_midst_of_motion_it_goes_on() -> None:
     ],
 )
 def test_lost_address_is_not_believed_and_names_asked_for(frame: CanFrame, text: str) -> None:
-    bench = Bench().find_unit()
-    bench.run(0.5, REST)
+    bench = Bench().play('find; 0.5 rest')
     start = bench.now
     (lost,) = of(UnitChanged, bench.take(frame))
     assert lost == UnitChanged(f'unit {PIN} has lost address 80 {text}', PIN, 1032)
