@@ -44,10 +44,15 @@ class Rig:
         del info
         self.heard.append(message.data)
 
-    def publisher(self, topic: str, depth: int = 10) -> Callable[[int], None]:
-        publisher = self.talker.create_publisher(Int32, topic, depth)
+    def publisher(self, topic: str, qos: Any = 10, kind: Any = Int32) -> Callable[[Any], None]:
+        """Return what publishes there, once it is heard: a value, or a message as bytes."""
+        publisher = self.talker.create_publisher(kind, topic, qos)
         wait_for(lambda: publisher.get_subscription_count(), what=topic)
-        return lambda number: publisher.publish(Int32(data=number))
+
+        def publish(value: Any) -> None:
+            publisher.publish(value if isinstance(value, bytes) else kind(data=value))
+
+        return publish
 
     def wait_heard(self, *numbers: int) -> None:
         wait_for(lambda: self.heard == list(numbers), what=lambda: f'{numbers}: {self.heard[-9:]}')
@@ -115,11 +120,10 @@ def test_no_stop_among_a_thousand_messages_is_lost(rig: Rig) -> None:
     qos = QoSProfile(depth=1000)
     rig.lane.subscribe(Bool, 'estop', lambda message, info: stops.append(message.data), qos)
     other = rig.listen()
-    publisher = rig.talker.create_publisher(Bool, 'estop', qos)
-    wait_for(lambda: publisher.get_subscription_count(), what='estop')
+    say = rig.publisher('estop', qos, Bool)
     sent = [n % 97 == 0 for n in range(1000)]
     for n, stop in enumerate(sent):
-        publisher.publish(Bool(data=stop))
+        say(stop)
         if n % 50 == 0:
             other(n)
     rig.lane.start()
@@ -272,11 +276,10 @@ def test_callback_that_raises_loses_no_other(rig: Rig, capfd: pytest.CaptureFixt
 def test_message_that_nobody_can_read_is_counted_and_loses_nothing_else(rig: Rig) -> None:
     stops: list[bool] = []
     rig.lane.subscribe(Bool, 'estop', lambda message, info: stops.append(message.data), 10)
-    publisher = rig.talker.create_publisher(Bool, 'estop', 10)
-    wait_for(lambda: publisher.get_subscription_count(), what='estop')
+    say = rig.publisher('estop', 10, Bool)
     rig.lane.start()
-    for message in (Bool(data=True), b'\0\1\0\0', b'\0\1', Bool(data=True)):
-        publisher.publish(message)
+    for message in (True, b'\0\1\0\0', b'\0\1', True):
+        say(message)
     wait_for(lambda: len(stops) == 2, what='what came behind them')
     assert stops == [True, True]
     assert rig.lane.malformed == 2

@@ -163,10 +163,6 @@ def direct(pty: Pty) -> Iterator[Direct]:
         yield result
 
 
-def patient(patch: pytest.MonkeyPatch, **times: float) -> None:
-    patch.setattr(ProcessLink, 'TIMES', replace(ProcessLink.TIMES, **times))
-
-
 @pytest.fixture
 def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Have wires load only when this pipe is opened to write."""
@@ -222,7 +218,8 @@ def test_activation_that_was_given_up_is_undone_once_the_wire_is_there(
 def test_wire_that_gets_no_processor_as_the_node_ends_says_farewell_once_it_does(
     pty: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patient(monkeypatch, spare=math.inf)  # as soon after the last take-over
+    times = replace(ProcessLink.TIMES, spare=math.inf)  # as soon after the last take-over
+    monkeypatch.setattr(ProcessLink, 'TIMES', times)
     direct = Direct(pty)
     direct.activate()
     wire = direct.wire()

@@ -30,14 +30,6 @@ def gaps(moments: list[float]) -> list[float]:
     return [round(b - a, 6) for a, b in itertools.pairwise(moments)]
 
 
-def absent(bench: WireBench) -> None:
-    """Have no port there for an activated wire."""
-    fails(bench.port, 'open', 'no such port')
-    bench.activate()
-    bench.step()
-    bench.step()
-
-
 # Opening, losing, opening again.
 
 
@@ -374,7 +366,7 @@ def test_refused_request_still_has_the_session_say_what_it_wants(bench: WireBenc
 
 
 def test_request_that_waits_for_the_device_needs_an_open_port(bench: WireBench) -> None:
-    absent(bench)
+    stays_absent(bench)
     done: list[float] = []
     number = bench.do(done.append, waits=True, key='reset')
     bench.step()

@@ -188,17 +188,13 @@ def under_way(unit: PtyDevice, action: str, file: Path, until: str = '') -> Iter
         yield command
 
 
-def wait_operation(unit: PtyDevice) -> None:
-    wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
-
-
 def test_dump_writes_what_the_unit_has_stored(unit: PtyDevice, tmp_path: Path) -> None:
     target = tmp_path / 'backup.txt'
     with under_way(unit, 'dump', target, PROMPT) as command:
         assert command.end() == 0, command.output
     assert bytes.fromhex(target.read_text()) == OTHERS.to_image()
     assert {path.name for path in tmp_path.iterdir()} == {'backup.txt', unit.path.name}
-    wait_operation(unit)
+    wait_for(lambda: unit.describe()['mode'] == 'operation', 5.0, 'the unit runs again')
 
 
 def test_restore_loads_saves_and_reads_back(unit: PtyDevice, file: Path) -> None:
