@@ -43,12 +43,9 @@ _VSC = tuple(
     f'fort_vsc_{name}' for name in ('stories', 'session', 'echo', 'heard', 'sent', 'held')
 )
 _VM110 = tuple(f'vm110_{name}' for name in ('session', 'packets', 'outputs', 'session_commands'))
-_SESSIONS = tuple(
-    f'session_{name}' for name in ('contract', 'quiet', 'order', 'settings', 'reports')
-)
+_SESSIONS = tuple(f'session_{name}' for name in ('order', 'settings', 'reports'))
 _AKRON = tuple(
-    f'akron_session_{name}'
-    for name in ('drive', 'finder', 'joysticks', 'unit', 'polls', 'handover', 'motion')
+    f'akron_session_{name}' for name in ('drive', 'joysticks', 'unit', 'polls', 'motion')
 )
 _PROCESSES = (
     *('process_link_steps', 'process_link_starts', 'wire_process', 'process_link_exploration'),
@@ -57,7 +54,7 @@ _CONVERT = ('akron', 'esi_drive', 'fort_vsc', 'ssc', 'vm110')
 # By file, or for all of a folder but for its files that follow. What takes long comes last: most
 # mutants are dead by then.
 _NAMES_OF_TESTS = {
-    'bridge_core/framing.py': ('framing_counts', 'framing', 'framing_of_devices'),
+    'bridge_core/framing.py': ('framing', 'framing_of_devices'),
     'bridge_core/packets.py': (
         'packets',
         'fort_vsc_protocol',
@@ -70,7 +67,7 @@ _NAMES_OF_TESTS = {
     'bridge_core/watchdog.py': ('watchdog', 'safety_mux_activation'),
     'bridge_core/publishers.py': ('publishers',),
     'bridge_core/reasons.py': ('reasons',),
-    'bridge_core/session.py': ('session_base', 'shared_session', *_SESSIONS, *_VSC),
+    'bridge_core/session.py': ('session_base', *_SESSIONS, *_VSC),
     'bridge_core/gate.py': ('gate',),
     'bridge_core/actuator.py': ('esi_drive_mux', 'ssc_mux', 'akron_mux'),
     'bridge_core/fingerprint.py': ('commission',),
@@ -78,8 +75,8 @@ _NAMES_OF_TESTS = {
     'bridge_core/mux_words.py': ('mux_words',),
     'bridge_core/cdr.py': ('cdr',),
     'bridge_core/lane.py': ('lane',),
-    'bridge_core/rclpy_inner.py': ('rclpy_inner', 'proof_topics', 'lane'),
-    'bridge_core/transports/link.py': ('link', 'mailbox'),
+    'bridge_core/rclpy_inner.py': ('rclpy_inner', 'stop_topics', 'lane'),
+    'bridge_core/transports/link.py': ('link',),
     'bridge_core/transports/active.py': ('wire',),
     'bridge_core/transports/opener.py': ('wire',),
     'bridge_core/transports/wire.py': ('wire', 'waiting'),
@@ -137,7 +134,7 @@ _NAMES_OF_TESTS = {
         *('ssc_channels', 'ssc_convert', 'ssc_session_outputs'),
         *('ssc_session_aux', 'session_settings'),
     ),
-    'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session'),
+    'ssc_bridge/protocol': ('ssc_protocol', 'ssc_session', 'framing_of_devices'),
     'akron_can_bridge/session': (*_AKRON, *_SESSIONS),
     'akron_can_bridge/protocol': (
         *('akron_protocol', 'akron_dbc'),

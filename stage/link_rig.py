@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 import math
 import socket
 import threading
-import time
 from typing import Any
 
 from bridge_core import clock
@@ -34,12 +33,11 @@ class FakeTransport:
         self.name = name
         self.faults: dict[str, Exception] = {}
         self.calls: Counter[str] = Counter()
-        self.opens_at: list[float] = []
         self.sent: list[bytes] = []
         self.busy = 0  # sends that find the line busy
         self.gate = threading.Event()  # open() blocks until it is set
         self.gate.set()
-        self.openers = self.most_openers = 0
+        self.openers = 0
         self._ours: socket.socket | None = None
         self.peer: socket.socket | None = None
 
@@ -49,9 +47,7 @@ class FakeTransport:
             raise self.faults[name]
 
     def open(self) -> None:
-        self.opens_at.append(time.monotonic())
         self.openers += 1
-        self.most_openers = max(self.openers, self.most_openers)
         try:
             self.gate.wait(20.0)
             self._call('open')

@@ -207,6 +207,7 @@ class Started(FakeProcess):
     def die(self, returncode: int = -signal.SIGKILL) -> None:
         self.returncode = returncode
         self.node._socket.close()
+        self.bench.step()
 
     def told(self) -> list[str]:
         """Return the words that it was told, up to the end if that is there."""

@@ -4,6 +4,7 @@
 """A session with an SSC and a mux around it, built from frames written by hand."""
 
 from collections.abc import Callable, Sequence
+import json
 import struct
 from typing import Any
 
@@ -11,7 +12,9 @@ from bridge_core.mux_words import MuxWords
 from bridge_core.session import RETRY
 from ssc_bridge.channels import AuxRequest, Failsafe, Servo
 from ssc_bridge.session import OutputsSent, Session, Settings
+from stage.rig import ROOT
 
+VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())
 TICK = 0.01
 INPUTS = 8
 OUTPUTS = 16

@@ -96,11 +96,6 @@ class Toy:
 
         self.wait(gone, f'the end of {pids}')
 
-    def hears(self, data: bytes) -> bool:
-        """Tell whether the device has heard this since its ``clear``, whoever read it."""
-        self.pty.read()
-        return data in self.pty.received
-
     def keep_alives(self) -> int:
         """Return how many the device has heard."""
         self.pty.read()

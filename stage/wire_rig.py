@@ -208,7 +208,9 @@ class WireBench:
         self.step()
 
     def deactivate(self) -> None:
+        """Have it close the port, and step."""
         self.put(Deactivate(), stop=True)
+        self.step()
 
     def open(self, *, resting: bool = False) -> None:
         """Activate it, and step until the port is open and nothing is left to do."""
@@ -218,10 +220,11 @@ class WireBench:
         assert self.wire.status.is_open
 
     def run(self) -> None:
-        """Open the port of a device that is healthy."""
+        """Open the port of a device that is healthy; what was told of that is forgotten."""
         self.open()
         self.hear(b'x')
         assert self.owner.told[-1] is False
+        self.log()
 
     def hear(self, data: bytes) -> None:
         self.port.say(data)

@@ -3,7 +3,6 @@
 
 """Joy, joint states, limits and outputs of the Akron bridge."""
 
-import json
 import math
 from typing import Any
 
@@ -25,13 +24,13 @@ from akron_can_bridge.protocol import (
     RotationSoftLimits,
 )
 from akron_can_bridge.session.drive import Command, REST
-from stage.rig import ROOT
+from stage.akron_frames import VECTORS
+from stage.talkers import values_of
 
 STAMP = Time(sec=3)
 NEUTRAL = '0100010000000000'
 NO_TARGETS = 'FFFFFFFFFFFF0000'
-FRAMES = json.loads((ROOT / 'test' / 'vectors' / 'akron.json').read_text())['frames']
-GOLDEN = {frame['is']: bytes.fromhex(frame['data']) for frame in FRAMES}
+GOLDEN = {vector['is']: bytes.fromhex(vector['data']) for vector in VECTORS}
 
 
 def command(joy: Joy, *, extended: bool = False) -> tuple[BasicJoystick, ExtendedJoystick]:
@@ -169,10 +168,6 @@ def test_joint_at_zero_is_never_minus_zero(inverted: tuple[bool, bool]) -> None:
     assert [math.copysign(1.0, position) for position in state.position] == [1.0, 1.0]
 
 
-def values(status: DiagnosticStatus) -> dict[str, str]:
-    return {pair.key: pair.value for pair in status.values}
-
-
 def test_limits_are_the_manuals() -> None:
     status = convert.limits(
         PositionLimit.from_bytes(GOLDEN['position']),
@@ -181,7 +176,7 @@ def test_limits_are_the_manuals() -> None:
         'PIN',
         1032,
     )
-    told = values(status)
+    told = values_of(status)
     assert told['left soft limit (deg)'] == '-30'
     assert told['right soft limit (deg)'] == '45'
     assert told['oscillating'] == 'true'
@@ -202,7 +197,7 @@ def test_limits_without_a_reached_one_or_any_at_all() -> None:
     free = convert.limits(None, None, ElevationSoftLimits(-20.0, 90.0), '')
     assert (free.level, free.message) == (DiagnosticStatus.OK, 'at no hard stop')
     broken = PositionLimit.from_bytes(bytes.fromhex('010002000F000041'))
-    told = values(convert.limits(broken, None, None, ''))
+    told = values_of(convert.limits(broken, None, None, ''))
     assert (told['rotation position'], told['elevation position']) == ('error', 'not available')
     none = convert.limits(None, None, None, '')
     assert (none.level, none.message) == (DiagnosticStatus.STALE, 'not sent')
@@ -215,12 +210,12 @@ def test_outputs_and_inputs_are_the_manuals() -> None:
         DigitalInputs.from_bytes(GOLDEN['digital inputs']),
         'PIN',
     )
-    on = [key for key, value in values(status).items() if value == 'true']
+    on = [key for key, value in values_of(status).items() if value == 'true']
     assert on == [
         *('enable', 'active', 'discharge', 'handheld LED', 'panel LED'),
         *('6033: device active', '6033: riser extended', '6039: allowed in collision zone'),
     ]
-    assert values(status)['riser command'] == '0'
+    assert values_of(status)['riser command'] == '0'
     assert status.level == DiagnosticStatus.OK
     assert convert.outputs(None, None, None, '').level == DiagnosticStatus.STALE
 
@@ -249,7 +244,7 @@ def test_device_says_who_the_unit_is_and_who_claims_our_address(
 ) -> None:
     status = convert.device('1032AE100801035', 1032, address, NAME, namesake, 0x38, 'mine')
     assert (status.level, status.message, status.hardware_id) == (level, message, 'mine')
-    values = {pair.key: pair.value for pair in status.values}
+    values = values_of(status)
     assert values['unit'] == '1032AE100801035'
     assert values['NAME'] == f'{NAME.value:016X}'
     assert values['manufacturer'] == '326 (Akron Brass)'
@@ -260,7 +255,7 @@ def test_device_says_who_the_unit_is_and_who_claims_our_address(
 
 def test_device_that_was_not_heard_has_no_name() -> None:
     status = convert.device('', 0, 0x80, None, None, 0x38, 'mine')
-    values = {pair.key: pair.value for pair in status.values}
+    values = values_of(status)
     assert (status.message, values['NAME']) == ('a unit at 80', 'not heard')
     assert values['unit'] == 'not announced'
     assert 'manufacturer' not in values

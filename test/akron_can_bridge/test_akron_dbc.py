@@ -171,10 +171,7 @@ SIGNALS: dict[type[Message], Callable[[Any], Signals]] = {
         {'ConfigType': m.config_type} | _version('Config', m.version)
     ),
     protocol.VistaData: _vista,
-    protocol.VistaPosition: lambda m: {
-        'VistaRotation': m.rotation,
-        'VistaElevation': m.elevation,
-    },
+    protocol.VistaPosition: lambda m: {'VistaRotation': m.rotation, 'VistaElevation': m.elevation},
     protocol.DiagnosticData: lambda m: (
         {'DiagnosticRecordType': m.record_type} | _bytes('DiagnosticByte', 6, m.content)
     ),

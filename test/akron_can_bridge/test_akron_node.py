@@ -81,9 +81,7 @@ def test_unit_stops_by_neutral_frames_and_starts_again_behind_a_neutral_command(
     bench.drive(unit)
 
 
-def test_node_says_neutral_while_it_is_configured_and_nothing_before(
-    bench: Bench, unit: Station
-) -> None:
+def test_node_says_neutral_while_it_is_configured_alone(bench: Bench, unit: Station) -> None:
     bench.drive(unit)
     assert bench.observer.change_state(bench.name, 'deactivate')
     bench.wait(lambda: not unit.look('moving'), 'rest')
@@ -106,19 +104,6 @@ def test_node_says_neutral_while_it_is_configured_and_nothing_before(
     bench.drive(unit)
 
 
-def test_enable_input_and_motor_fault_are_stops_in_words(bench: Bench, unit: Station) -> None:
-    unit.apply('enable off')
-    bench.wait_stop(True)
-    bench.wait(lambda: 'enable input is not asserted' in bench.told(), 'the reason')
-    unit.apply('enable on', 'fault axis_2 on')
-    bench.wait(lambda: 'motor axis 2 fault' in bench.told(), 'the fault')
-    answer = bench.call('poll_faults')
-    assert answer.success
-    assert 'motor axis 2' in answer.message
-    unit.apply('fault axis_2 off')
-    bench.wait_stop(False)
-
-
 def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
     unit.apply('limit left -30', 'limit right 45', 'position 5 1', 'output aux_agent on')
 
@@ -133,7 +118,12 @@ def test_limits_and_outputs_are_told(bench: Bench, unit: Station) -> None:
     assert value(bench.outputs, 'enable') == 'true'
 
 
-def test_services_answer(bench: Bench, unit: Station) -> None:
+def test_services_answer_and_a_fault_that_one_polls_is_a_stop(bench: Bench, unit: Station) -> None:
+    unit.apply('fault axis_2 on')
+    bench.wait_stop(True)
+    assert 'motor axis 2' in bench.call('poll_faults').message
+    unit.apply('fault axis_2 off')
+    bench.wait_stop(False)
     unit.apply('position 1 20')
     bench.wait(lambda: bench.joint_states.last.position[0] < -0.3, 'the position')
     bench.stand()

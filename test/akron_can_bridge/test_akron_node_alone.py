@@ -7,18 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import os
-from pathlib import Path
 import signal
 
 import pytest
 from std_msgs.msg import Bool
 
 from akron_can_bridge.simulator import JoystickSimulator, Simulator
-from stage.akron_node_rig import Bench, bench_of, NEUTRAL, START_LIMIT, Station
+from stage.akron_node_rig import bench_of, NEUTRAL, START_LIMIT, Station
 from stage.can_rig import CanBus
 from stage.endings import first_of
 from stage.rig import ENDING, Observer
-from stage.toy_rig import is_running, spares_of, wires_of
+from stage.toy_rig import is_running, name_of, spares_of, wires_of
 
 pytestmark = pytest.mark.waits(55)
 
@@ -44,34 +43,20 @@ def test_node_that_ends_or_dies_leaves_neutral_frames(
         bench.wait(lambda: not own_unit.look('moving'), 'rest')
 
 
-def ready_to_lose(bench: Bench) -> None:
-    """Have another process ready to take over."""
-    bench.connect()
-    pid = bench.node.process.pid
-    bench.wait(lambda: any(command == 'spare wire' for command in map(name_of, spares_of(pid))))
-
-
-def name_of(pid: int) -> str:
-    return Path(f'/proc/{pid}/comm').read_text().strip()
-
-
-def lose_wire(bench: Bench) -> None:
-    os.kill(wires_of(bench.node.process.pid)[0], signal.SIGKILL)
-    bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
-
-
 def test_setup_mode_outlives_wire_and_activation(
     observer: Observer, can_bus: CanBus, own_unit: Station
 ) -> None:
     with bench_of(observer, can_bus) as bench:
-        ready_to_lose(bench)
+        pid = bench.connect().node.process.pid
+        bench.wait(lambda: 'spare wire' in map(name_of, spares_of(pid)), 'who takes over')
         assert bench.call('enter_setup').success
 
         def is_told() -> bool:
             return 'the unit is in setup mode' in bench.value('neutral because')
 
         bench.wait(is_told, 'setup mode')
-        lose_wire(bench)
+        os.kill(wires_of(pid)[0], signal.SIGKILL)
+        bench.wait(lambda: 'SIGKILL' in bench.value('last wire', 'link'), 'its end')
         bench.wait_stop(False)
         bench.diagnostics.clear()
         bench.wait(is_told, 'setup mode of the next wire')

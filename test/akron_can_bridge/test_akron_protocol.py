@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import math
 from typing import Any
 
@@ -122,37 +123,31 @@ VISTA_ON = (
 @pytest.mark.parametrize(
     ('identifier', 'data', 'message'),
     [
-        (
-            '0CFDD638',
-            '0100010000000000',
-            lambda: p.BasicJoystick(p.NEUTRAL, p.NEUTRAL),
-        ),
-        ('0CFDD738', 'FFFFFFFFFFFF0000', lambda: p.ExtendedJoystick()),
-        ('18EFFF80', '81FED401C200', lambda: p.RotationSoftLimits(-30.0, 45.0)),
-        ('18EF8005', '03', lambda: p.FirmwarePoll()),
-        ('18EF8005', '04', lambda: p.PcodePoll()),
-        ('18EF8005', '05', lambda: p.ConfigPoll()),
-        ('18EF8005', '21', lambda: p.VistaPoll()),
+        ('0CFDD638', '0100010000000000', p.BasicJoystick(p.NEUTRAL, p.NEUTRAL)),
+        ('0CFDD738', 'FFFFFFFFFFFF0000', p.ExtendedJoystick()),
+        ('18EFFF80', '81FED401C200', p.RotationSoftLimits(-30.0, 45.0)),
+        ('18EF8005', '03', p.FirmwarePoll()),
+        ('18EF8005', '04', p.PcodePoll()),
+        ('18EF8005', '05', p.ConfigPoll()),
+        ('18EF8005', '21', p.VistaPoll()),
         (
             '18EF0580',
             f'21{int(VISTA_BITS, 2):014X}',
-            lambda: p.VistaData(0b1000000001, 500, 400, VISTA_ON),
+            p.VistaData(0b1000000001, 500, 400, VISTA_ON),
         ),
-        ('18EF0580', '22123489AB', lambda: p.VistaPosition(0x1234, 0x89AB)),  # high byte first
-        ('18EF0580', '46', lambda: p.EnterSetup()),
-        ('18EF80F2', 'FE41', lambda: p.AsciiPipe(b'A')),
-        ('18EFF280', 'FE', lambda: p.AsciiPipeAcknowledgement()),
-        ('18EAFFFF', 'DAFE00', lambda: p.FieldRequest(0xFEDA)),
+        ('18EF0580', '22123489AB', p.VistaPosition(0x1234, 0x89AB)),  # high byte first
+        ('18EF0580', '46', p.EnterSetup()),
+        ('18EF80F2', 'FE41', p.AsciiPipe(b'A')),
+        ('18EFF280', 'FE', p.AsciiPipeAcknowledgement()),
+        ('18EAFFFF', 'DAFE00', p.FieldRequest(0xFEDA)),
         *(
-            ('18EFFF80', f'830{riser}00', lambda riser=riser: p.DigitalOutputs(p.Output(0), riser))
+            ('18EFFF80', f'830{riser}00', p.DigitalOutputs(p.Output(0), riser))
             for riser in range(4)
         ),
     ],
 )
-def test_frames_by_hand_both_ways(
-    identifier: str, data: str, message: Callable[[], p.Message]
-) -> None:
-    check(identifier, data, message())
+def test_frames_both_ways(identifier: str, data: str, message: p.Message) -> None:
+    check(identifier, data, message)
 
 
 def golden(name: str) -> Any:
@@ -226,9 +221,7 @@ def test_switches_that_start_motion_by_themselves(number: int) -> None:
 @pytest.mark.parametrize(
     ('x', 'y', 'switches'), [(1, 0, ()), (0, -1, ()), *[(0, 0, (n,)) for n in (7, 8, 9)]]
 )
-def test_oscillation_with_other_motion_is_more_than_that(
-    x: int, y: int, switches: tuple[int, ...]
-) -> None:
+def test_oscillation_with_other_motion_is_more(x: int, y: int, switches: tuple[int, ...]) -> None:
     pressed = tuple(p.Status(n in (3, 4, *switches)) for n in range(1, 13))
     assert not p.BasicJoystick(axis_of(x), axis_of(y), pressed).oscillates
     water = tuple(p.Status(n in (3, 4)) for n in range(1, 13))
@@ -245,50 +238,39 @@ def test_target_of_either_angle_starts_motion_by_itself() -> None:
 # -- bad values of ours and of the peer -----------------------------------------------------------
 
 
+ZERO, NO_VERSION = p.Axis.of(0), p.Version(0, 0)
+LIMIT = (p.Position(0), p.Position(0))
+OWN_BAD: list[tuple[Callable[..., Any], list[tuple[Any, ...]]]] = [
+    (p.Axis, [(1024,), (-1,), (0.5,), (1, 4)]),
+    (p.Axis.of, [(1001,)]),
+    (p.Position, [(4096,), (0, 7)]),
+    (partial(p.BasicJoystick, ZERO, ZERO), [((OFF,) * 11,), ((*[OFF] * 11, 4),)]),
+    (partial(p.BasicJoystick, detents=(OFF,)), [(ZERO, ZERO)]),
+    (partial(p.ExtendedJoystick, switches=(OFF,) * 5), [()]),
+    (partial(p.ExtendedJoystick, detents=(OFF,) * 2), [()]),
+    (partial(p.PositionLimit, *LIMIT), [((OFF,) * 9, OFF, ON), ((OFF,) * 10, OFF, 9)]),
+    (p.RotationSoftLimits, [(0.0, 3276.8), (math.nan, 0.0), (0.0, math.inf)]),
+    (p.ElevationSoftLimits, [(-3276.9, 0.0)]),
+    (p.DigitalOutputs, [(p.Output(0), 4)]),
+    (p.FaultStatus, [(p.Fault(0), 0x10000)]),
+    (p.FirmwareVersion, [(p.Version(1, 256), NO_VERSION, NO_VERSION)]),
+    (p.PcodeVersion, [(n, m, NO_VERSION) for n, m in ((0x10000, 0), (0, -1), (0, 0x10000))]),
+    (p.ConfigVersion, [(2**32, NO_VERSION)]),
+    (p.VistaData, [(1024, 0, 0, p.Vista(0))]),
+    (p.VistaPosition, [(0, 65536), (65536, 0)]),
+    (p.FieldRequest, [(2**24,)]),
+    (p.Name, [(2**21, 0), (0, 2**11)]),
+    (p.AddressAnnouncement, [('1032AE10080103',), ('1032 E100801035',), ('1032AE637671947',)]),
+    (p.AddressAnnouncement, [('4096AE100801035',), ('9999AE100801035',)]),
+]
+
+
 @pytest.mark.parametrize(
-    'make',
-    [
-        lambda: p.Axis(1024),
-        lambda: p.Axis(-1),
-        lambda: p.Axis(0.5),  # type: ignore[arg-type]
-        lambda: p.Axis(1, 4),  # type: ignore[arg-type]
-        lambda: p.Axis.of(1001),
-        lambda: p.Position(4096),
-        lambda: p.Position(0, 7),  # type: ignore[arg-type]
-        lambda: p.BasicJoystick(p.Axis.of(0), p.Axis.of(0), (OFF,) * 11),
-        lambda: p.BasicJoystick(p.Axis.of(0), p.Axis.of(0), detents=(OFF,)),
-        lambda: p.BasicJoystick(p.Axis.of(0), p.Axis.of(0), (*[OFF] * 11, 4)),  # type: ignore[arg-type]
-        lambda: p.ExtendedJoystick(switches=(OFF,) * 5),
-        lambda: p.ExtendedJoystick(detents=(OFF,) * 2),
-        lambda: p.PositionLimit(p.Position(0), p.Position(0), (OFF,) * 9, OFF, ON),
-        lambda: p.PositionLimit(p.Position(0), p.Position(0), (OFF,) * 10, OFF, 9),  # type: ignore[arg-type]
-        lambda: p.RotationSoftLimits(0.0, 3276.8),
-        lambda: p.RotationSoftLimits(math.nan, 0.0),
-        lambda: p.RotationSoftLimits(0.0, math.inf),
-        lambda: p.ElevationSoftLimits(-3276.9, 0.0),
-        lambda: p.DigitalOutputs(p.Output(0), 4),
-        lambda: p.FaultStatus(p.Fault(0), 0x10000),
-        lambda: p.FirmwareVersion(p.Version(1, 256), p.Version(0, 0), p.Version(0, 0)),
-        lambda: p.PcodeVersion(0x10000, 0, p.Version(0, 0)),
-        lambda: p.PcodeVersion(0, -1, p.Version(0, 0)),
-        lambda: p.PcodeVersion(0, 0x10000, p.Version(0, 0)),
-        lambda: p.ConfigVersion(2**32, p.Version(0, 0)),
-        lambda: p.VistaData(1024, 0, 0, p.Vista(0)),
-        lambda: p.VistaPosition(0, 65536),
-        lambda: p.VistaPosition(65536, 0),
-        lambda: p.FieldRequest(2**24),
-        lambda: p.Name(2**21, 0),
-        lambda: p.Name(0, 2**11),
-        lambda: p.AddressAnnouncement('1032AE10080103'),
-        lambda: p.AddressAnnouncement('9999AE100801035'),
-        lambda: p.AddressAnnouncement('1032 E100801035'),
-        lambda: p.AddressAnnouncement('1032AE637671947'),
-        lambda: p.AddressAnnouncement('4096AE100801035'),
-    ],
+    ('make', 'values'), [(make, values) for make, each in OWN_BAD for values in each]
 )
-def test_own_bad_value_is_refused_when_made(make: Any) -> None:
+def test_own_bad_value_is_refused_when_made(make: Any, values: tuple[Any, ...]) -> None:
     with pytest.raises(ValueError, match=r'.') as caught:
-        make()
+        make(*values)
     assert not isinstance(caught.value, FrameError)
 
 
@@ -365,9 +347,7 @@ def test_pin_with_unprintable_letters_is_the_peers_fault() -> None:
         ('19EFFF80', '02', Unknown(0x1EF00)),  # data page
     ],
 )
-def test_what_the_manual_does_not_list_is_unknown(
-    identifier: str, data: str, expected: Unknown
-) -> None:
+def test_what_is_not_listed_is_unknown(identifier: str, data: str, expected: Unknown) -> None:
     assert p.decode(frame_of(identifier, data)).message == expected
 
 
@@ -409,9 +389,7 @@ def test_any_frame_decodes_or_raises_frame_error(frame: CanFrame) -> None:
 def test_flags_are_named_in_the_manuals_words_from_the_top_down() -> None:
     """Which bit each of them is, the DBC file says."""
     faults = p.Fault.SCI_OUTPUT_OVERRUN | p.Fault.PCODE_SYNTAX_ERROR | p.Fault.MOTOR_AXIS_1
-    assert p.flag_names(faults) == [
-        *('SCI output overrun', 'pCode syntax error', 'motor axis 1'),
-    ]
+    assert p.flag_names(faults) == [*('SCI output overrun', 'pCode syntax error', 'motor axis 1')]
     vista = p.Vista.K1_RELAY_SET | p.Vista.DIGITAL_INPUT_5L | p.Vista.JOYSTICK_X_RIGHT
     assert p.flag_names(vista) == ['K1 relay set', 'digital input 5L', 'joystick X right']
     outputs = p.Output.SOE_MODE_ACTIVE | p.Output.PANEL_LED

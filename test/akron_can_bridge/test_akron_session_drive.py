@@ -204,8 +204,7 @@ def test_command_becomes_the_manuals_frame_from_every_address(address: int) -> N
     bench = Bench(source_address=address)
     bench.open()
     bench.take(ANNOUNCED, OUTPUTS, CanFrame(0x18EF0080 | address << 8, NO_FAULTS.data))
-    bench.run(0.1, REST)
-    bench.run(0.1, MOVE)
+    bench.play('0.1 rest; 0.1 move')
     assert bench.joystick_frames(source=address)[-1] == MOVING
 
 
@@ -262,8 +261,7 @@ def test_unit_that_may_have_been_switched_off_moves_by_a_fresh_command_alone(
     bench.run(silence, MOVE, unit=False)
     bench.run(0.1, MOVE)
     assert bench.joystick_frames()[-1] == (MOVING if goes_on else NEUTRAL)
-    bench.run(0.1, REST)
-    bench.run(0.1, MOVE)
+    bench.play('0.1 rest; 0.1 move')
     assert bench.joystick_frames()[-1] == MOVING
 
 
@@ -283,8 +281,7 @@ def test_farewell_is_neutral_several_times_and_takes_the_permission(soe_permissi
 def test_extended_carries_targets_and_switches_as_in_the_manual_where_asked_for() -> None:
     bench = Bench().moving()
     assert bench.frames(0x0CFDD738) == []
-    bench = Bench(extended=True).find_unit()
-    bench.run(0.1, REST)
+    bench = Bench(extended=True).play('find; 0.1 rest')
     assert set(bench.frames(0x0CFDD738)) == {NO_TARGETS}
     bench.run(0.1, GRIPS)
     assert bench.frames(0x0CFDD738)[-1] == GRIPPING
@@ -292,8 +289,7 @@ def test_extended_carries_targets_and_switches_as_in_the_manual_where_asked_for(
 
 
 def test_stop_leaves_no_target_to_travel_to() -> None:
-    bench = Bench(extended=True).find_unit()
-    bench.run(0.1, REST)
+    bench = Bench(extended=True).play('find; 0.1 rest')
     bench.run(0.1, GRIPS)
     bench.estop_in(True)
     assert bench.frames(0x0CFDD738)[-1] == NO_TARGETS
@@ -432,9 +428,7 @@ def timed_permissions(bench: Bench, since: float, unit: int = UNIT) -> list[tupl
 
 
 def permitted_bench() -> Bench:
-    bench = Bench(soe_permissive=True).find_unit()
-    bench.run(0.1, REST)
-    bench.run(0.2, MOVE)
+    bench = Bench(soe_permissive=True).play('find; 0.1 rest; 0.2 move')
     assert timed_permissions(bench, 0.0)[-1][1] == ALL
     bench.now += RETRY / 2  # within a slot
     return bench
@@ -457,8 +451,7 @@ def test_stop_that_a_busy_line_did_not_take_goes_with_the_next_poll() -> None:
 
 
 def test_grip_that_a_busy_line_did_not_take_goes_soon_and_alone() -> None:
-    bench = Bench(extended=True, automatic_motion=True).find_unit()
-    bench.run(0.1, REST)
+    bench = Bench(extended=True, automatic_motion=True).play('find; 0.1 rest')
     bench.run(0.1, (REST[0], ExtendedJoystick(Axis.of(500), Axis.of(0))))
     bench.now += RETRY / 2  # within a slot
     start, bench.refuses = bench.now, lambda frame: frame.identifier == GRIP
@@ -481,8 +474,7 @@ def test_grip_that_a_busy_line_did_not_take_goes_soon_and_alone() -> None:
 def test_button_is_not_pressed_anew_for_a_unit_that_forgot_it(
     busy: float, command: tuple[object, object], again: bool
 ) -> None:
-    bench = Bench(command_timeout=2.0).find_unit()
-    bench.run(0.1, REST)
+    bench = Bench(command_timeout=2.0).play('find; 0.1 rest')
     bench.run(0.1, command)
     bench.refuses = everything
     bench.run(busy, command)
@@ -498,9 +490,7 @@ def test_button_is_not_pressed_anew_for_a_unit_that_forgot_it(
 
 
 @pytest.mark.parametrize('address', [None, 0x90])
-def test_permission_that_was_not_taken_back_is_taken_back_at_the_former_address(
-    address: int | None,
-) -> None:
+def test_permission_is_taken_back_at_the_former_address_too(address: int | None) -> None:
     bench = permitted_bench()
     bench.refuses = everything
     bench.session.interrupted('messages were lost', bench.now)
@@ -580,14 +570,11 @@ def test_switch_of_which_one_frame_went_out_is_pressed_no_more() -> None:
         (Request.POLL_VERSIONS, ['03', '04', '05']),
     ],
 )
-def test_request_that_did_not_go_out_goes_soon_and_once(
-    request_: Request, data: list[str]
-) -> None:
+def test_request_that_did_not_go_out_goes_once(request_: Request, data: list[str]) -> None:
     bench = Bench().find_unit()
     bench.run(1.5)
     start, bench.refuses = bench.now, everything
-    bench.session.request(request_, bench.now)
-    bench.poll()
+    bench.play(f'ask {request_.value}')
     bench.run(0.1)
     bench.refuses = nothing
     bench.run(SLOT)
@@ -601,8 +588,7 @@ def test_request_that_went_out_is_not_sent_anew_for_another_that_did_not() -> No
     bench = Bench(vista_rate=10.0).find_unit()
     bench.run(1.5)
     start = bench.now
-    bench.session.request(Request.RESET_CONTROLLER, bench.now)
-    bench.poll()
+    bench.play('ask reset_controller')
     bench.refuses = lambda frame: frame.data.hex() == '21'  # a poll
     bench.run(1.0)
     assert bench.asked(start) == ['45']

@@ -28,8 +28,8 @@ HOLD = 1.0
 AT_REST = Sticks((0, 0, 0, 0, 0), (False,) * 16, ())  # 16 switches, as the manual's
 
 
-def heard(bench: Bench, data: str = BASIC, source: int = 0x33, pgn: int = 0xFDD6) -> list[Sticks]:
-    return of(Sticks, bench.take(joystick(data, source, pgn)))
+def heard(bench: Bench, data: str = BASIC, pgn: int = 0xFDD6) -> list[Sticks]:
+    return of(Sticks, bench.take(joystick(data, 0x33, pgn)))
 
 
 def held(**switches: bool) -> tuple[bool, ...]:

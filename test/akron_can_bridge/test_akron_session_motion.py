@@ -97,7 +97,7 @@ def turning(*places: int, motion: Motion | None = None, since: float = NOW) -> M
         ((100, 900, 900), 1, False),  # a jump
     ],
 )
-def test_two_steps_of_half_a_degree_are_motion(
+def test_two_half_degrees_are_motion(
     places: tuple[int, ...], began: int | None, moves: bool
 ) -> None:
     motion = turning(*places)
@@ -131,7 +131,7 @@ def test_forgotten_motion_is_over_and_its_angle_begins_no_other() -> None:
     assert motion.moving(since + 2 * PERIOD)
 
 
-SWITCH_4, SWITCH_7, SWITCH_8, SWITCH_9 = 4, 7, 8, 9
+SWITCH_4, SWITCH_8 = 4, 8
 AUTOMATIC: dict[str, Any] = {'automatic_motion': True}
 
 
@@ -214,9 +214,7 @@ def test_oscillation_by_an_allowed_joystick_is_none_until_a_stop_that_cannot_end
 
 
 @pytest.mark.parametrize('switch', [SWITCH_4, SWITCH_8])
-def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
-    switch: int,
-) -> None:
+def test_stop_withdraws_the_permission_and_a_reset_does_not_give_it(switch: int) -> None:
     bench = Loop(soe_permissive=True, **AUTOMATIC)
     bench.unit.apply('soe on')
     bench.unit.apply('position 1 170')
@@ -236,18 +234,11 @@ def test_stop_withdraws_the_permission_and_a_reset_alone_does_not_give_it_back(
 # -- requests -------------------------------------------------------------------------------------
 
 
-OURS_TO_PAUSE: dict[str, Any] = {
-    'automatic_motion': True,
-    'button_switches': (4,),
-    'pause_on_stop': True,
-}
-
-
-def presses(bench: Turning, seconds: float = 2 * COAST) -> list[float]:
+def presses(bench: Turning) -> list[float]:
     """Return when a stop presses switch 7, as seconds since its start."""
     start = bench.now
     bench.estop_in(True)
-    bench.run(seconds, REST, estop=True)
+    bench.run(2 * COAST, REST, estop=True)
     return [at - start for at, frame in bench.sent if at >= start and frame.data == PAUSE]
 
 
@@ -289,7 +280,7 @@ NOT_OURS = [
 
 @pytest.mark.parametrize('script', NOT_OURS)
 def test_oscillation_that_something_else_may_explain_is_not_paused(script: str) -> None:
-    bench = Turning(allowed_joysticks=frozenset({0x33}), **OURS_TO_PAUSE)
+    bench = Turning(allowed_joysticks=frozenset({0x33}), **PAUSES)
     bench.play(script)
     assert presses(bench) == []
 
@@ -305,7 +296,7 @@ def test_unit_that_tells_of_no_pause_is_believed_no_more() -> None:
 @cache
 def swinging() -> Loop:
     """Return a bus whose unit oscillates as we asked; no motion of it is a stop."""
-    loop = Loop(estop_on=frozenset(Cause) - {Cause.MOTION}, **OURS_TO_PAUSE)
+    loop = Loop(estop_on=frozenset(Cause) - {Cause.MOTION}, **PAUSES)
     loop.unit.apply('pausetold on')
     for command in (REST, OSCILLATE, REST):
         loop.ours.command = command
@@ -324,9 +315,7 @@ PLAYS = st.tuples(
 
 
 @given(st.lists(PLAYS, min_size=3, max_size=6))
-def test_whatever_a_hand_does_a_press_pauses_what_runs(
-    plays: list[tuple[str, bool, str, int]],
-) -> None:
+def test_whatever_a_hand_does_a_press_pauses(plays: list[tuple[str, bool, str, int]]) -> None:
     loop, last = deepcopy(swinging()), NEUTRAL
     for command, stop, hand, slots in [*plays, ('rest', True, '', 9), ('rest', False, '', 9)]:
         loop.ours.command, loop.ours.stop = COMMANDS[command], stop
@@ -345,9 +334,9 @@ def test_parameter_that_can_press_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match='pause_on_stop needs 4 in button_switches'):
         Settings(automatic_motion=True, button_switches=(7,), pause_on_stop=True)
     with pytest.raises(ValueError, match='type 81, which a 6032 alone sends'):
-        Settings(device_type=1052, **OURS_TO_PAUSE)
+        Settings(device_type=1052, **PAUSES)
     for kind in (0, 1032):
-        Settings(device_type=kind, **OURS_TO_PAUSE)
+        Settings(device_type=kind, **PAUSES)
 
 
 @pytest.mark.parametrize('kind', [1032, 1040, 1042, 1052])

@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the Akron session asks the unit, forgets and refuses, until the answer or its timeout."""
+"""What the Akron session asks the unit, forgets and refuses, and what it tells the next one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from typing import Any
 
 import pytest
 
-from akron_can_bridge.session import FaultsChanged, Request
+from akron_can_bridge.session import (
+    FaultsChanged,
+    Handover,
+    HandoverWanted,
+    Request,
+    Resting,
+    Settings,
+)
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Answer, Level
 from stage.akron_session_rig import (
@@ -19,11 +26,15 @@ from stage.akron_session_rig import (
     faults,
     joystick,
     MOVE,
+    moved,
     NAME,
+    NEUTRAL,
     NO_FAULTS,
     NOT_ENABLED,
     of,
     OPERATIONAL_ERROR,
+    OTHER_ANNOUNCED,
+    OTHER_PIN,
     OURS,
     OUTPUTS,
     PIN,
@@ -34,11 +45,11 @@ from stage.akron_session_rig import (
     UNIT,
     VERSIONS,
 )
+from stage.session_rig import SessionBench
 
 
 def test_operational_error_has_the_faults_polled_at_once_and_every_second() -> None:
-    bench = Bench().find_unit()
-    bench.run(1.5, REST)
+    bench = Bench().play('find; 1.5 rest')
     start = bench.now
     bench.take(OPERATIONAL_ERROR)
     assert bench.asked(start) == ['02']
@@ -115,14 +126,11 @@ ACKNOWLEDGED = {Request.ZERO_POSITIONS: '41', Request.ENTER_SETUP: '46'}
 
 
 @pytest.mark.parametrize(('request_', 'data'), ACKNOWLEDGED.items())
-def test_request_is_sent_once_and_its_acknowledgement_is_the_answer(
-    request_: Request, data: str
-) -> None:
+def test_request_is_sent_once_and_answered_as_acknowledged(request_: Request, data: str) -> None:
     bench = Bench().find_unit()
     bench.run(1.5)
     start = bench.now
-    bench.session.request(request_, bench.now)
-    bench.poll()
+    bench.play(f'ask {request_.value}')
     bench.run(0.5)
     assert bench.asked(start) == [data]
     events = bench.take(ef(data, destination=OURS))
@@ -261,7 +269,7 @@ def test_request_that_cannot_be_now_is_refused_in_words(
     start = bench.now
     if request_ in refused:
         with pytest.raises(ValueError, match=text):
-            bench.session.request(request_, bench.now)
+            bench.play(f'ask {request_.value}')
         bench.poll()
         assert bench.asked(start) == []
     else:
@@ -357,9 +365,7 @@ SETUPS = [  # what happens, and whether the unit may be in setup mode then
 
 
 @pytest.mark.parametrize(('script', 'may_be'), SETUPS)
-def test_unit_that_may_be_in_setup_mode_is_not_moved_until_it_was_reset(
-    script: str, may_be: bool
-) -> None:
+def test_unit_that_may_be_in_setup_mode_needs_a_reset(script: str, may_be: bool) -> None:
     bench = Bench().play(script)
     said = 'the unit is in setup mode, or may be; call ~/reset_controller once that is done'
     assert (said in bench.session.inhibits(bench.now)) is may_be
@@ -375,3 +381,78 @@ def test_permission_that_is_not_given_at_all_is_not_said_to_be_withheld() -> Non
     bench.play('find; 2 rest; 0.1 deploy; turn; 0.4 rest; 0.1 rest stop')
     assert bench.session.demand.withheld
     assert 'SOE permission' not in str(bench.session.problems(bench.now))
+
+
+@pytest.mark.parametrize('late', [False, True])
+@pytest.mark.parametrize(('lost', 'followed'), [(True, PIN), (False, OTHER_PIN)])
+def test_wire_after_a_dead_one_follows_its_unit(late: bool, lost: bool, followed: str) -> None:
+    bench = Turning(soe_permissive=True)
+    bench.open()
+    if late:  # the request comes after the first answer
+        bench.take(OTHER_ANNOUNCED)
+    bench.session.take_over(Handover(pin=PIN), lost, bench.now)
+    bench.take(OTHER_ANNOUNCED, ANNOUNCED)
+    assert bench.session.finder.name == followed
+    assert bench.session.finder.rivals() == [OTHER_PIN if followed == PIN else PIN]
+
+
+@pytest.mark.parametrize('lost', [True, False])
+def test_unit_of_another_wire_that_was_found_is_forgotten(lost: bool) -> None:
+    bench = Turning().ready()
+    bench.session.take_over(Handover(pin=OTHER_PIN), lost, bench.now)
+    bench.poll()
+    assert bench.session.estop is lost
+    asked = [data.hex() for data in bench.frames(0x18EAFF00 | OURS, bench.now)]
+    assert asked == ['00ee00'] * lost
+
+
+def test_node_knows_of_setup_mode_before_the_unit_does() -> None:
+    bench = Turning().ready()
+    bench.events.clear()
+    start = bench.now
+    bench.play('ask enter_setup')
+    assert of(Handover, bench.events)[-1].in_setup
+    assert bench.asked(start) == []
+    bench.wait(SLOT)
+    assert bench.asked(start) == ['46']
+
+
+ASKS: list[tuple[str, int, list[bool]]] = [
+    # What happens; how often it asks after the mark; whether it tells last of setup mode.
+    ('mark; open', 1, []),
+    ('open; mark; 1 rest', 0, []),
+    ('open; mark; close', 0, []),
+    ('open; close; mark; open', 1, []),
+    ('open; mark; lost', 1, []),  # the question may be among what was lost
+    ('open; mark; told', 0, [False]),
+    ('open; lost; told; mark; say unit outputs well; 0.5 rest', 0, [False]),
+    # What it told may be lost as well.
+    ('find; say setup; mark; lost', 0, [True]),
+    ('find; say setup; mark; close; open', 0, [True]),
+]
+
+
+@pytest.mark.parametrize(('script', 'asked', 'in_setup'), ASKS)
+def test_session_asks_until_told_and_tells_nothing(
+    script: str, asked: int, in_setup: list[bool]
+) -> None:
+    bench = Turning().play(script)
+    assert len(of(HandoverWanted, bench.events)) == asked
+    assert [told.in_setup for told in of(Handover, bench.events)][-1:] == in_setup
+
+
+# -- a node that is not active --------------------------------------------------------------------
+
+
+def test_resting_session_is_a_stop_says_neutral_in_every_slot_and_hears_nothing() -> None:
+    bench = SessionBench(Resting(Settings(device_pin=PIN)))
+    assert (Level.ERROR, 'the node is not active') in bench.session.problems(bench.now)
+    bench.open()
+    assert bench.take(ANNOUNCED, OUTPUTS, moved(ANNOUNCED, OURS)) == []
+    bench.wait(1.0)
+    assert {frame.data for _, frame in bench.sent} == {NEUTRAL}
+    assert {frame.identifier for _, frame in bench.sent} == {0x0CFDD600 | OURS}
+    assert abs(len(bench.sent) - 1.0 / SLOT) <= 1
+    assert bench.session.finder.unit is None
+    bench.close()  # what is known outlives it
+    assert not [each for each in bench.events if isinstance(each, Handover | HandoverWanted)]

@@ -1,7 +1,7 @@
 # Copyright 2026 The rugged_teleop maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the Akron session makes of what the unit says: stops, events, noise, diagnostics."""
+"""Which unit the Akron session follows and where to, and what it makes of what that says."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from akron_can_bridge.protocol import (
+    AddressAnnouncement,
     decode,
     DigitalOutputs,
     Fault,
@@ -32,7 +33,9 @@ from akron_can_bridge.session import (
     OutputsChanged,
     Positions,
     Settings,
+    UnitChanged,
 )
+from akron_can_bridge.session.finder import Finder
 from akron_can_bridge.session.unit import Unit
 from bridge_core.j1939 import CanFrame
 from bridge_core.session import Level, StopChanged, Verdict
@@ -45,6 +48,7 @@ from stage.akron_session_rig import (
     LINK_LIMIT,
     MOVE,
     moved,
+    MOVING,
     NAME,
     name,
     NO_FAULTS,
@@ -58,8 +62,265 @@ from stage.akron_session_rig import (
     POSITION,
     REST,
     Turning,
+    UNIT,
     VERSIONS,
 )
+
+NOW = 100.0
+OUR_PIN, OTHER = AddressAnnouncement(PIN), AddressAnnouncement(OTHER_PIN)
+OUR_NAME = Name.from_data(NAME.data)
+RENAMED = replace(OUR_NAME, function=OUR_NAME.function + 1)
+STRANGE_NAME = Name(identity=1, manufacturer=0)
+MANY = 32
+
+
+def started() -> Finder:
+    finder = Finder(Settings())
+    finder.start(NOW)
+    return finder
+
+
+def test_unit_that_was_never_heard_has_no_type() -> None:
+    assert Finder(Settings()).device_type == 0
+    assert Finder(Settings(unit_address=UNIT, device_type=1032)).device_type == 1032
+
+
+def test_new_start_forgets_the_devices() -> None:
+    finder = started()
+    finder.announced(0x81, OTHER, NOW)
+    assert finder.devices == {OTHER_PIN: 0x81}
+    finder.start(NOW + 1.0)
+    assert finder.devices == {}
+
+
+@pytest.mark.parametrize(
+    ('asked', 'name', 'after', 'restarted'),
+    [
+        (False, OUR_NAME, 0.0, True),
+        (True, OUR_NAME, 1.0, False),
+        (True, OUR_NAME, 1.0 + 1e-6, True),
+        (False, STRANGE_NAME, 0.0, False),
+    ],
+)
+def test_claim_within_a_second_of_a_request_is_its_answer_and_no_restart(
+    asked: bool, name: Name, after: float, restarted: bool
+) -> None:
+    finder = started()
+    finder.announced(UNIT, OUR_PIN, NOW)
+    if asked:
+        finder.request_sent(NOW)
+    finder.expect_reset()
+    finder.claimed(UNIT, name, NOW + after)
+    assert finder.is_back(OUR_PIN, NOW + 9.0) is restarted
+
+
+def test_unit_of_a_session_before_is_the_only_one() -> None:
+    finder = started()
+    assert not finder.keep('')
+    assert not finder.keep(PIN)
+    finder.announced(0x81, AddressAnnouncement(OTHER_PIN), NOW)
+    assert finder.unit is None
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert not finder.keep('')
+    assert finder.keep(OTHER_PIN)
+    assert finder.pin == OTHER_PIN
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert finder.unit is None
+
+
+def test_unit_of_a_session_before_does_not_overrule_the_pin_that_is_given() -> None:
+    finder = Finder(Settings(device_pin=PIN))
+    assert not finder.keep(OTHER_PIN)
+    assert finder.pin == PIN
+
+
+def test_so_many_devices_are_remembered_and_followed_and_no_more() -> None:
+    finder = started()
+    pins = [f'1032AE{number:09}' for number in range(MANY + 1)]
+    for address, pin in enumerate(pins):
+        finder.announced(0x40 + address, AddressAnnouncement(pin), NOW)
+    assert list(finder.devices) == pins[:MANY]
+    finder.announced(0xA0, AddressAnnouncement(pins[5]), NOW)
+    assert finder.devices[pins[5]] == 0xA0
+
+
+def test_without_a_unit_there_are_no_rivals() -> None:
+    finder = Finder(Settings(device_type=1042))
+    finder.start(NOW)
+    finder.announced(UNIT, OUR_PIN, NOW)
+    assert finder.unit is None
+    assert finder.devices
+    assert finder.rivals() == []
+    assert not finder.alone
+
+
+# -- which address it has -------------------------------------------------------------------------
+
+# Devices announce their PIN (ours, other, twin) or claim an address by a OUR_NAME.
+PINS = {'ours': OUR_PIN, 'other': OTHER, 'twin': AddressAnnouncement('1032CE100801035')}
+NAMES = {
+    'Name': OUR_NAME,
+    'Twin': replace(OUR_NAME, function_instance=1),  # the same identity number
+    'Renamed': RENAMED,
+    'Neighbour': replace(OUR_NAME, identity=OUR_NAME.identity + 1),
+    'Stranger': replace(OUR_NAME, manufacturer=0),
+}
+AT = f'unit {PIN} is at address'
+LOST = f'unit {PIN} has lost address 80'
+TO_ANOTHER, CLAIMS_ANOTHER = f'{LOST} to another device', f'{LOST} and claims another'
+# What is heard, the address then, and what was told of it.
+STORIES: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@82 ours@82', 0x82, [f'{AT} 80', f'{AT} 82']),
+    ('ours@FE', None, []),
+    ('ours@80 Name@80 Stranger@81', 0x80, [f'{AT} 80']),
+    ('ours@80 Name@80 Renamed@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Neighbour@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80', None, [f'{AT} 80', TO_ANOTHER]),
+    ('ours@80 Stranger@80 Name@80 ours@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+    ('ours@80 other@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+    ('ours@80 Name@91', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Name@FE', None, [f'{AT} 80', CLAIMS_ANOTHER]),  # it cannot claim any
+    ('ours@80 Renamed@90', None, [f'{AT} 80', CLAIMS_ANOTHER]),
+    ('ours@80 Renamed@90 ours@80 Name@80', 0x80, [f'{AT} 80', CLAIMS_ANOTHER, f'{AT} 80']),
+    ('Name@80 restart ours@80 Renamed@80', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@91 twin@91', 0x80, [f'{AT} 80']),
+    ('ours@80 twin@91 Name@91', 0x80, [f'{AT} 80']),
+    ('Name@80 ours@80 Twin@80 ours@80 Twin@80', 0x80, [f'{AT} 80', TO_ANOTHER, f'{AT} 80']),
+]
+# The same where the unit is at an address that is given.
+FIXED: list[tuple[str, int | None, list[str]]] = [
+    ('ours@80 ours@80 other@81 ours@91 Name@91', 0x80, [f'{AT} 80']),
+    ('other@81 Stranger@80 Name@90', None, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@80 Name@80', 0x80, ['unit at 80 has lost address 80 to another device']),
+    ('Stranger@90 Name@90', 0x80, []),
+    ('ours@80 other@80 Name@80', None, [f'{AT} 80', f'{LOST} to {OTHER_PIN}']),
+]
+
+
+@pytest.mark.parametrize(
+    ('options', 'story', 'address', 'told'),
+    [
+        *(({}, *row) for row in STORIES),
+        *(({'unit_address': UNIT, 'device_type': 1032}, *row) for row in FIXED),
+    ],
+)
+def test_address_is_followed_and_told_on_change(
+    options: dict[str, Any], story: str, address: int | None, told: list[str]
+) -> None:
+    finder = Finder(Settings(**options))
+    finder.start(NOW)
+    texts = []
+    for word in story.split():
+        what, _, at = word.partition('@')
+        if what == 'restart':
+            finder.start(NOW)
+        elif what in PINS:
+            texts.append(finder.announced(int(at, 16), PINS[what], NOW))
+        else:
+            texts.append(finder.claimed(int(at, 16), NAMES[what], NOW))
+    assert (finder.address, [text for text in texts if text]) == (address, told)
+
+
+NAME_REQUEST = CanFrame(0x18EAFF38, bytes.fromhex('00EE00'))  # the manual's, from address 38
+STRANGER = '0100000000000000'  # a NAME that is not Akron Brass's
+
+
+def name_requests(bench: Bench, since: float = 0.0) -> list[float]:
+    return [at for at, frame in bench.sent if frame == NAME_REQUEST and at >= since]
+
+
+# -- finding it -----------------------------------------------------------------------------------
+
+
+def test_name_request_goes_out_at_the_start_and_every_second_while_nothing_is_heard() -> None:
+    bench = Bench()
+    bench.open()
+    assert name_requests(bench) == [100.0]
+    bench.wait(10.0)
+    assert len(name_requests(bench)) == 10
+    bench.take(ANNOUNCED)
+    start = bench.now
+    bench.run(3.0)
+    assert name_requests(bench, start) == []
+    bench.wait(5.0)
+    assert 4 <= len(name_requests(bench, start)) <= 5
+
+
+@pytest.mark.parametrize(
+    ('options', 'unit'),
+    [
+        ({}, 0x80),
+        ({'device_type': 0}, 0x80),
+        ({'device_pin': OTHER_PIN}, 0x81),
+        # Its highest bit counted, as the printed example does not: 26021A0B hex.
+        ({'device_pin': '1032AE637671947'}, 0x80),
+        ({'device_pin': OTHER_PIN, 'device_type': 1040}, 0x81),
+        ({'device_type': 1052}, None),
+        ({'device_pin': '1032AE100801037'}, None),
+    ],
+)
+def test_choice_by_pin_or_type(options: dict[str, Any], unit: int | None) -> None:
+    bench = Bench(**options)
+    bench.open()
+    bench.take(ANNOUNCED, OTHER_ANNOUNCED)
+    assert bench.session.finder.address == unit
+    if unit is None:
+        reason = bench.session.stop_reasons(bench.now)[0]
+        assert f'heard instead: {PIN}, {OTHER_PIN}' in reason
+
+
+# -- moving it ------------------------------------------------------------------------------------
+
+
+def test_readdressed_in_the_midst_of_motion_it_goes_on() -> None:
+    bench = Bench(soe_permissive=True).moving()
+    events = bench.take(moved(ANNOUNCED, 0x90))
+    assert of(UnitChanged, events) == [UnitChanged(f'unit {PIN} is at address 90', PIN, 1032)]
+    start = bench.now + 1e-9
+    for _ in range(10):
+        bench.wait(0.02)
+        bench.take(moved(OUTPUTS, 0x90))
+        bench.estop_in(False)
+        bench.command(MOVE)
+    assert not bench.session.estop
+    assert set(bench.joystick_frames(start)) == {MOVING}
+    assert bench.asked(start, 0x90) != []
+    assert bench.asked(start, 0x80) == []
+    assert bench.session.finder.moves == 1
+
+
+@pytest.mark.parametrize(
+    ('frame', 'text'),
+    [
+        (name(STRANGER, 0x80), 'to another device'),
+        (moved(OTHER_ANNOUNCED, 0x80), f'to {OTHER_PIN}'),
+    ],
+)
+def test_lost_address_is_not_believed_and_names_asked_for(frame: CanFrame, text: str) -> None:
+    bench = Bench().play('find; 0.5 rest')
+    start = bench.now
+    (lost,) = of(UnitChanged, bench.take(frame))
+    assert lost == UnitChanged(f'unit {PIN} has lost address 80 {text}', PIN, 1032)
+    assert name_requests(bench, start) == [start]
+    bench.take(NOT_ENABLED)  # whoever that is now
+    assert not bench.session.estop
+    bench.wait(LINK_LIMIT)
+    assert bench.session.estop
+    assert 'has no address at present' in bench.session.stop_reasons(bench.now)[0]
+    bench.take(moved(ANNOUNCED, 0x85), moved(OUTPUTS, 0x85), moved(NO_FAULTS, 0x85))
+    assert not bench.session.estop
+    assert bench.session.finder.moves == 1
+
+
+def test_claims_on_and_on_do_not_make_us_flood_the_bus() -> None:
+    bench = Bench().find_unit()
+    start = bench.now
+    for _ in range(1000):
+        bench.take(name(STRANGER, 0x80))
+        bench.take(ANNOUNCED)
+        bench.now += 0.001
+    assert 5 <= len(name_requests(bench, start)) <= 11
+
 
 VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 
@@ -67,7 +328,7 @@ VISTA = (VistaData(240, 0, 0, Vista(0)), VistaPosition(1, 2))
 
 
 MINI: dict[str, Any] = {'device_type': 1033, 'source_address': 0x38}
-FIXED: dict[str, Any] = {'unit_address': 0x90}
+AT_90: dict[str, Any] = {'unit_address': 0x90}
 PADDED = 'open; say unit; ' + 10 * 'wait 0.1; say 83C051FFFFFFFFFF; '
 HEALTH: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, why it is a stop
     ({}, 'open', 'no unit was found (wanted: 6032 Universal II)'),
@@ -82,10 +343,10 @@ HEALTH: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, why
     ({}, PADDED, f'the firmware of unit {PIN}'),
     ({}, PADDED, 'type 83 cannot have 8 bytes'),
     ({}, f'{PADDED}wait 1', 'it is silent'),
-    (FIXED, 'open', 'check power and CAN wiring of unit at 90'),
-    (FIXED, 'open; say outputs well', 'unit at 90'),  # that was somebody else
-    (FIXED, 'open; say outputs@90 well@90', ''),
-    (FIXED, 'open; say outputs@90 well@90 disabled@90', 'not asserted'),
+    (AT_90, 'open', 'check power and CAN wiring of unit at 90'),
+    (AT_90, 'open; say outputs well', 'unit at 90'),  # that was somebody else
+    (AT_90, 'open; say outputs@90 well@90', ''),
+    (AT_90, 'open; say outputs@90 well@90 disabled@90', 'not asserted'),
     # A Mini Universal tells its fault itself, by type 84; what others say does not count.
     (MINI, 'open; say FF83150266021A0B@81', 'no digital outputs (type 84) come'),
     (MINI, 'open; say FF83150266021A0B@81 848002@81', ''),
@@ -297,7 +558,7 @@ def told(*frames: CanFrame, **options: Any) -> Sequence[str]:
 
 
 WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
-    'another device (NAME 0000000000000001) claims our own address 38': (
+    'another device (NAME 0000000000000001) claims our own': (
         [name('0100000000000000', OURS)],
         {},
     ),
@@ -308,14 +569,8 @@ WARNINGS: dict[str, tuple[list[CanFrame], dict[str, Any]]] = {
     ),
     'SOE mode is active': ([ef('83C851')], {}),
     'move the stick to give the SOE permission': ([ef('83C851')], {'soe_permissive': True}),
-    'the unit is in setup mode, or may be; call ~/reset_controller': (
-        [ef('46', destination=OURS)],
-        {},
-    ),
-    'a message is not as in the manual: type 83 cannot have 8 bytes': (
-        [ef('83C051FFFFFFFFFF')],
-        {},
-    ),
+    'the unit is in setup mode, or may be; call ~/reset': ([ef('46', destination=OURS)], {}),
+    'a message is not as in the manual: type 83 cannot': ([ef('83C051FFFFFFFFFF')], {}),
     'the unit is not calibrated': ([ef('011D940371000040')], {}),
     'the rotation position is in error': ([ef('011D9A0371000041')], {}),
     'the elevation position is in error': ([ef('011D94037A000041')], {}),
@@ -337,11 +592,7 @@ def test_who_the_unit_is_and_who_claims_our_address_is_told_on_change() -> None:
     bench.take(NAME, ANNOUNCED, ANNOUNCED, NAME)
     bench.take(*(name('0100000000000000', at) for at in (OURS, 0x99)))  # it gives way
     known = DeviceChanged(PIN, 1032, 0x80, Name.from_bytes(NAME.data))
-    assert of(DeviceChanged, bench.events) == [
-        known,
-        replace(known, namesake=Name(1, 0)),
-        known,
-    ]
+    assert of(DeviceChanged, bench.events) == [known, replace(known, namesake=Name(1, 0)), known]
 
 
 def test_what_is_asked_for_is_no_warning() -> None:
@@ -375,81 +626,50 @@ def test_figures_of_motion() -> None:
 # By hand: voltage 512, digital output 1 and digital input 1 on, X 100, Y 3, all else 0.
 VISTA_DATA = ef(f'21{512 << 46 | 1 << 41 | 1 << 32 | 100 << 22 | 3 << 6:014X}', destination=OURS)
 TURNS = [ef(f'01{degrees}40371000041') for degrees in ('1D9', '1E3', '1ED')]  # 47.3, 48.3, 49.3
-FIGURES: list[tuple[dict[str, Any], list[CanFrame], dict[str, Any]]] = [
+ALLOWED = {'allowed_joysticks': frozenset({0x35})}
+KNOWN = [ANNOUNCED, *VERSIONS, NO_FAULTS]
+STICKS = [ANNOUNCED, OTHER_ANNOUNCED, joystick(), joystick(source=0x35)]
+TWO = f'other Akron Brass devices = {OTHER_PIN} at 81 (6032 Universal II)'
+FIGURES: list[tuple[dict[str, Any], list[CanFrame], str]] = [  # settings, what is heard, figures
+    ({}, [], 'unit = not found yet | address = none | source address = 38'),
+    ({}, [], 'versions = not known | faults = not known'),
+    ({}, KNOWN, f'unit = {PIN} | type = 6032 Universal II | address = 80'),
     (
-        {},
-        [],
-        {
-            'unit': 'not found yet',
-            'address': 'none',
-            'source address': '38',
-            'versions': 'not known',
-            'faults': 'not known',
-        },
+        *({}, KNOWN),
+        'versions = fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, '
+        'pCode 2.4; config type 60320014, config 2.4',
     ),
+    ({}, KNOWN, 'faults = faults: none; pCode error code 0 (none)'),
+    ({}, KNOWN, 'motion commanded = False | motion reported = none'),
+    ({}, KNOWN, 'other Akron Brass devices = none | joysticks heard = none'),
+    ({}, STICKS, TWO),
+    (ALLOWED, STICKS, 'joysticks heard = 33 foreign, 35 allowed'),
+    ({'device_pin': '1032AE100801037'}, [OTHER_ANNOUNCED], TWO),
+    ({'unit_address': 0x90}, [moved(OUTPUTS, 0x90)], 'unit = at 90 | type = 6032 Universal II'),
+    ({}, [ANNOUNCED, *TURNS], 'motion reported = moves'),
     (
-        {},
-        [ANNOUNCED, *VERSIONS, NO_FAULTS],
-        {
-            'unit': PIN,
-            'type': '6032 Universal II',
-            'address': '80',
-            'faults': 'faults: none; pCode error code 0 (none)',
-            'versions': 'fixed boot 1.11, bootloader 2.4, system 2.6; style 3356, subtype 14, '
-            'pCode 2.4; config type 60320014, config 2.4',
-            'motion commanded': False,
-            'motion reported': 'none',
-            'other Akron Brass devices': 'none',
-            'joysticks heard': 'none',
-        },
+        *({}, [ANNOUNCED, VISTA_DATA, ef('2212345678', destination=OURS)]),
+        'Vista: system voltage (raw) = 512 | Vista: joystick X, Y (raw) = 100, 3 | '
+        'Vista: on = digital output 1, digital input 1 | '
+        f'Vista: rotation, elevation (raw) = {0x1234}, {0x5678}',
     ),
+    ({}, [ANNOUNCED, ef(f'21{"00" * 7}', destination=OURS)], 'Vista: on = none'),
     (
-        {'allowed_joysticks': frozenset({0x35})},
-        [ANNOUNCED, OTHER_ANNOUNCED, joystick(), joystick(source=0x35)],
-        {
-            'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)',
-            'joysticks heard': '33 foreign, 35 allowed',
-        },
-    ),
-    (
-        {'device_pin': '1032AE100801037'},
-        [OTHER_ANNOUNCED],
-        {'other Akron Brass devices': f'{OTHER_PIN} at 81 (6032 Universal II)'},
-    ),
-    (
-        {'unit_address': 0x90},
-        [moved(OUTPUTS, 0x90)],
-        {'unit': 'at 90', 'type': '6032 Universal II'},
-    ),
-    ({}, [ANNOUNCED, *TURNS], {'motion reported': 'moves'}),
-    (
-        {},
-        [ANNOUNCED, VISTA_DATA, ef('2212345678', destination=OURS)],
-        {
-            'Vista: system voltage (raw)': 512,
-            'Vista: joystick X, Y (raw)': '100, 3',
-            'Vista: on': 'digital output 1, digital input 1',
-            'Vista: rotation, elevation (raw)': f'{0x1234}, {0x5678}',
-        },
-    ),
-    ({}, [ANNOUNCED, ef(f'21{"00" * 7}', destination=OURS)], {'Vista: on': 'none'}),
-    (
-        {},
-        [ANNOUNCED, ef('FE413F0D0A', destination=OURS), ef('FD01000000')],
-        {'ASCII pipe': repr('A?\r\n'), 'diagnostic data': 'type 01: 00 00 00'},
+        *({}, [ANNOUNCED, ef('FE413F0D0A', destination=OURS), ef('FD01000000')]),
+        r"ASCII pipe = 'A?\r\n' | diagnostic data = type 01: 00 00 00",
     ),
 ]
 
 
-@pytest.mark.parametrize(('options', 'frames', 'expected'), FIGURES)
-def test_figures_by_name(
-    options: dict[str, Any], frames: list[CanFrame], expected: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize(('options', 'frames', 'figures'), FIGURES)
+def test_figures(options: dict[str, Any], frames: list[CanFrame], figures: str) -> None:
     bench = Bench(**options)
     bench.open()
     for frame in frames:
         bench.take(frame)
         bench.wait(0.1)
     found = bench.session.values(bench.now)
-    assert {name: found[name] for name in expected} == expected
+    for figure in figures.split(' | '):
+        name, _, value = figure.partition(' = ')
+        assert str(found[name]) == value, name
     assert not [data for data in bench.asked() if data[:2] in ('FE', 'FD')]

@@ -81,9 +81,7 @@ def test_lower_address_overrides_a_higher_one(high: int, low: int) -> None:
         (1052, '100000', 2, -1),
     ],
 )
-def test_switches_move_the_axes_of_the_device(
-    device_type: int, switches: str, axis: int, sign: int
-) -> None:
+def test_switches_move_their_axes(device_type: int, switches: str, axis: int, sign: int) -> None:
     bench = Bench(device_type=device_type)
     bench.unit.motion.axes[axis].position = 0.5
     others = [a.position for n, a in enumerate(bench.unit.motion.axes) if n != axis]

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The common node with a toy device: stop topics, lifecycle, diagnostics, clean exit.
+The common node with a toy device: stop topics, lifecycle, diagnostics, parameters, clean exit.
 
 What holds on either link is tested on both: the fixture ``link``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 from functools import partial
+import math
 import os
 from pathlib import Path
 import random
@@ -19,17 +20,18 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.context import Context
+from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import Joy
 from std_msgs.msg import Bool
 
 from bridge_core.cdr import bool_message
-from bridge_core.session import StopChanged, Verdict
-from bridge_core.transports import TransportError
+from bridge_core.parameters import ParameterError
+from bridge_core.session import Answer, StopChanged, Verdict
 from stage.endings import each_ending
 from stage.rig import latched, NodeProcess, Observer, Pty, Record, wait_for
 from stage.run_delay import RunDelay
@@ -81,9 +83,7 @@ def test_late_joiner_gets_the_stop_of_a_node_without_a_port(
         assert node.output.count('cannot open') == 1
 
 
-def test_stop_is_repeated_at_its_rate_in_every_state(
-    device: ToyDevice, observer: Observer, link: str
-) -> None:
+def test_stop_is_repeated_in_every_state(device: ToyDevice, observer: Observer, link: str) -> None:
     options: dict[str, Any] = {'estop_rate': 50.0, 'link_timeout': OUTLASTS_GAPS}
     with toy(device.pty.path, link, autostart=False, **options) as node:
         record = observer.record(Bool, ESTOP, latched())
@@ -144,59 +144,52 @@ def test_pace_never_asks_to_be_called_in_the_past(alone: ToyBridge) -> None:
         assert alone.pace(now) > now
 
 
-def test_lost_port_is_a_stop_before_the_session_is_asked(alone: ToyBridge) -> None:
+def test_lost_port_is_a_stop_at_once_and_answers_who_waits(alone: ToyBridge) -> None:
     alone.on_events([StopChanged(Verdict())], 1.0)
     assert alone.verdict == Verdict()
+    waits = alone._waiting.ask('ping', lambda: 1, 'not active')
     alone.link_changed('unplugged', False)
     assert alone.verdict == Verdict.stop(link_up=False)
+    assert waits.result() == Answer('ping', False, 'unplugged')
 
 
 STOPS = [StopChanged(Verdict()), StopChanged(Verdict.stop())]
 
 
-def at_once(node: ToyBridge) -> None:
-    node.on_events([*STOPS, 'with the stop'], 1.0)
+# What comes and when, or the node's pace or the loss of its wire; and what is told of it.
+PLAYS: list[tuple[list[tuple[Any, float]], list[str]]] = [
+    ([([*STOPS, 'with the stop'], 1.0)], []),
+    # Sooner than the link asks for what is due.
+    (
+        [([*STOPS, 'with'], 1.0), (['long after it'], 2.0), ('pace', 2.0), (['at last'], 2.0)],
+        ['with', 'long after it', 'at last'],
+    ),
+    # One each 5 ms, without an end: held up, but not for ever.
+    (
+        [(what, 1.0 + n * 0.005) for n in range(20) for what in ([*STOPS, f'{n}'], 'pace')],
+        [f'{n}' for n in range(10)],
+    ),
+    ([([*STOPS, 'enabled'], 1.0), ('lost', 1.0), ('pace', 2.0)], ['enabled', 'forgotten']),
+]
 
 
-def sooner_than_due(node: ToyBridge) -> None:
-    node.on_events([*STOPS, 'with the stop'], 1.0)
-    node.on_events(['long after it'], 2.0)  # sooner than the link asks for what is due
-    node.pace(2.0)
-    node.on_events(['at last'], 2.0)
-
-
-def stops_without_end(node: ToyBridge) -> None:
-    for n in range(20):  # one each 5 ms
-        now = 1.0 + n * 0.005
-        node.on_events([*STOPS, f'{n}'], now)
-        node.pace(now)
-
-
-def lost_wire(node: ToyBridge) -> None:
-    node.on_events([*STOPS, 'enabled'], 1.0)
-    node.on_lost()
-    node.pace(2.0)
-
-
-@pytest.mark.parametrize(
-    ('play', 'told'),
-    [
-        (at_once, []),
-        (sooner_than_due, ['with the stop', 'long after it', 'at last']),
-        (stops_without_end, [f'{n}' for n in range(10)]),  # held up, but not for ever
-        (lost_wire, ['enabled', 'forgotten']),
-    ],
-)
+@pytest.mark.parametrize(('play', 'told'), PLAYS)
 def test_what_comes_with_a_stop_is_told_behind_it_and_in_order(
     alone: ToyBridge,
     monkeypatch: pytest.MonkeyPatch,
-    play: Callable[[ToyBridge], None],
+    play: list[tuple[Any, float]],
     told: list[str],
 ) -> None:
     said: list[str] = []
     monkeypatch.setattr(alone, 'on_event', said.append)
     monkeypatch.setattr(alone, 'forget_device', lambda: said.append('forgotten'))
-    play(alone)
+    for what, now in play:
+        if what == 'pace':
+            alone.pace(now)
+        elif what == 'lost':
+            alone.on_lost()
+        else:
+            alone.on_events(what, now)
     assert said[: len(told) or None] == told
 
 
@@ -219,17 +212,6 @@ def test_stop_of_another_thread_stands_though_the_repeat_before_it_is_held_up(
     alone.pace(100.0)
     others[0].join(20.0)
     assert told == [False, True]
-
-
-def test_wire_that_does_not_answer_is_no_fault_of_the_parameters(
-    context: Context, monkeypatch: pytest.MonkeyPatch, link: str
-) -> None:
-    node = make_toy(context, link, port='/dev/nothing')
-    monkeypatch.setattr('bridge_core.transports.link.ACTIVATE_TIME', 0.0)
-    monkeypatch.setattr(node.link, '_put', lambda *_: None)
-    with pytest.raises(TransportError, match='give the computer less work'):
-        node.autostart()
-    node.destroy_node()
 
 
 def test_node_whose_link_ends_by_a_fault_ends_its_process(
@@ -343,55 +325,31 @@ def test_fault_in_a_transition_that_was_asked_for_ends_the_process_with_a_farewe
 # Diagnostics.
 
 
-def statuses(record: Record) -> list[dict[str, Any]]:
-    return [{status.name: status for status in message.status} for message in record.messages]
-
-
 def test_diagnostics_tell_link_and_device(
     device: ToyDevice, observer: Observer, link: str
 ) -> None:
-    diagnostics = observer.record(DiagnosticArray, '/diagnostics', 50)
-    names = ('toy_bridge: link', 'toy_bridge: device')
+    diagnostics = Diagnostics(observer, 'toy_bridge')
+    parts, good = ('link', 'device'), [DiagnosticStatus.OK] * 2
 
-    def levels() -> list[bytes]:
-        last = statuses(diagnostics)[-1] if diagnostics.messages else {}
-        return [last[name].level for name in names if name in last]
+    def levels() -> list[bytes | None]:
+        return [getattr(diagnostics.status(part), 'level', None) for part in parts]
 
     options: dict[str, Any] = {'hardware_id': 'the toy', 'link_timeout': OUTLASTS_GAPS}
     with toy(device.pty.path, link, **options):
-        good = [DiagnosticStatus.OK, DiagnosticStatus.OK]
         observer.wait_for(lambda: levels() == good, 15.0, 'all well')
-        port, toy_device = (statuses(diagnostics)[-1][name] for name in names)
-        assert port.hardware_id == toy_device.hardware_id == 'the toy'
-        values = {pair.key: pair.value for pair in port.values}
-        assert {
-            'frames',
-            'bytes',
-            'checksum errors',
-            'unknown types',
-            'resynchronisations',
-            'reconnects',
-            'age of last frame (s)',
-            'sent',
-            'dropped',
-        } <= set(values)
-        assert int(values['sent']) > 0
+        assert {diagnostics.status(part).hardware_id for part in parts} == {'the toy'}
+        for name in ('frames', 'checksum errors', 'age of last frame (s)', 'dropped'):
+            assert diagnostics.value('link', name), name
+        assert int(diagnostics.value('link', 'sent')) > 0
         device.talking = False
         device.pty.write(b's')
         observer.wait_for(lambda: levels()[1] == DiagnosticStatus.ERROR, 5.0, 'the stop')
         device.pty.unplug()
         observer.wait_for(lambda: levels()[0] == DiagnosticStatus.ERROR, 5.0, 'the loss')
-
-        def names_it() -> bool:  # a write may fail first, in the words of the system
-            message = statuses(diagnostics)[-1][names[0]].message
-            return 'no such port' in message or 'unplugged' in message
-
-        observer.wait_for(names_it, 5.0, 'which port')
         device.pty.replug()
         device.talking = True
         observer.wait_for(lambda: levels() == good, 15.0, 'all well again')
-        values = {pair.key: pair.value for pair in statuses(diagnostics)[-1][names[0]].values}
-        assert values['reconnects'] == '1'
+        assert diagnostics.value('link', 'reconnects') == '1'
 
 
 # The exit status for what is not a parameter's fault.
@@ -418,3 +376,94 @@ def test_input_that_is_wired_to_a_misspelt_topic_is_named(observer: Observer) ->
         observer.wait_for(lambda: said().endswith(f'; nobody publishes {typo}'), 20.0, said)
         observer.node.create_publisher(Joy, typo, 10)
         observer.wait_for(lambda: said() and 'nobody' not in said(), 20.0, said)
+
+
+# A bad parameter, however it is given, ends a node before any port is opened. Each way to be wrong
+# is in test_parameters.py.
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    'unknown name': ({'prot': '/dev/x'}, 'parameter prot: there is no such parameter; did you'),
+    'QoS override': ({'qos_overrides./x.publisher.depth': 7}, 'parameter qos_overrides./x.pub'),
+    'contradiction': ({'low': 2.0}, 'parameters low = 2.0 and high = 1.0: low must be below'),
+}
+
+
+@pytest.mark.parametrize('case', BAD)
+def test_bad_parameter_is_named_with_what_is_allowed(context: Context, case: str) -> None:
+    parameters, text = BAD[case]
+    with pytest.raises(ParameterError) as caught:
+        make_toy(context, **parameters)
+    assert str(caught.value).startswith(text)
+
+
+def test_good_parameters_keep_their_types(context: Context) -> None:
+    node = make_toy(context, estop_rate=30, scales=[1, 2], names=['a', 'b'], port='5', count=9)
+    try:
+        values = node.values
+        assert (values['estop_rate'], values['scales']) == (30.0, [1.0, 2.0])
+        assert type(values['estop_rate']) is float
+        assert values['names'] == ['a', 'b']
+        description = node.describe_parameter('estop_rate')
+        assert description.description
+        assert description.floating_point_range[0].from_value == 5.0
+        assert 'Hz' in description.additional_constraints
+    finally:
+        node.destroy_node()
+
+
+def test_list_of_an_inactive_node_is_changed_and_never_deleted(context: Context) -> None:
+    node = make_toy(context)
+    try:
+        (deleted,) = node.set_parameters([RosParameter('names')])
+        assert not deleted.successful
+        assert deleted.reason == 'parameter names = None: allowed is a list, each a string'
+        assert node.values['names'] == node.get_parameter('names').value == ['x']
+        empty = RosParameter('names', RosParameter.Type.STRING_ARRAY, [])
+        assert node.set_parameters([empty])[0].successful
+        assert node.values['names'] == []
+    finally:
+        node.destroy_node()
+
+
+# Parameters, as a process: one line and exit status 2.
+
+
+def test_empty_list_is_a_list_and_no_crash() -> None:
+    with toy_process('/dev/nothing', names=[], scales=[]) as node:
+        node.wait_output('cannot open')
+        assert node.end() == 0
+
+
+def test_bad_value_in_a_file_is_told_like_any_other(tmp_path: Path) -> None:
+    path = tmp_path / 'toy.yaml'
+    path.write_text('toy_bridge:\n  ros__parameters:\n    count: many\n')
+    with NodeProcess('stage.toy_bridge', arguments=('--params-file', str(path))) as node:
+        assert node.wait() == 2, node.output
+        (line,) = node.output.splitlines()
+    assert line == "rugged_teleop: parameter count = 'many': allowed is a whole number from 1 to 9"
+
+
+def test_parameters_are_fixed_while_active_and_free_later(pty: Pty, observer: Observer) -> None:
+    with toy_process(pty.path) as node:
+        node.wait_output('device opened')
+
+        def set_parameter(name: str, value: Any) -> tuple[bool, str]:
+            return observer.set_parameter('/toy_bridge', name, value)
+
+        good, reason = set_parameter('count', 5)
+        assert not good
+        assert reason == 'parameter count: deactivate the node to change it'
+        assert set_parameter('gain', 2.0)[0]  # one that says so
+        assert not set_parameter('gain', math.nan)[0]
+        assert observer.change_state('/toy_bridge', 'deactivate')
+        assert set_parameter('count', 5) == (True, '')
+        assert not set_parameter('count', 50)[0]
+        good, reason = set_parameter('low', 5.0)
+        assert not good
+        assert 'low must be below high' in reason
+        # The port itself can be changed, and is used from the next activation on.
+        other = Pty(pty.path.with_name('other'))
+        assert set_parameter('port', str(other.path))[0]
+        assert observer.change_state('/toy_bridge', 'activate')
+        other.wait_received(b'h')
+        other.unplug()

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import select
 import socket
 import time
 from typing import Any
@@ -21,6 +20,7 @@ from bridge_core.transports.can import CanTransport
 from bridge_core.transports.can_errors import KINDS, kinds_of
 from stage.can_rig import CanBus, error_frame, message, receive, wait_frames
 from stage.multicast_rig import in_network_namespace
+from stage.port_rig import readable
 from stage.rig import Pty, wait_for
 from stage.run_delay import RunDelay
 
@@ -39,12 +39,9 @@ def counted(transport: CanTransport) -> dict[str, Any]:
     return {name: value for name, value in transport.counts().items() if value}
 
 
-def is_readable(transport: CanTransport) -> bool:
-    return bool(select.select([transport.fileno()], [], [], 0)[0])
-
-
-def arrives(transport: CanTransport) -> list[CanFrame]:
-    """Return what has arrived, up to LAST and without it."""
+def arrives(peer: can.BusABC, transport: CanTransport) -> list[CanFrame]:
+    """Send LAST, and return what has arrived before it."""
+    peer.send(message(LAST.identifier, LAST.data))
     frames: list[CanFrame] = []
 
     def is_there() -> bool:
@@ -70,8 +67,7 @@ def test_filters_pass_what_was_asked_for_and_nothing_else(bus: CanBus) -> None:
     for identifier in (0x18EF33FF, 0x18EF33FE, 0x18EE33FF, 0x18EF34FF, 0x1CEF34FF):
         peer.send(message(identifier))
     peer.send(can.Message(arbitration_id=0xFF, is_extended_id=False))
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == [CanFrame(0x18EF33FF, b''), CanFrame(0x18EF34FF, b'')]
+    assert arrives(peer, transport) == [CanFrame(0x18EF33FF, b''), CanFrame(0x18EF34FF, b'')]
 
 
 def test_what_is_no_extended_data_frame_is_counted_and_not_handed_up(bus: CanBus) -> None:
@@ -79,8 +75,7 @@ def test_what_is_no_extended_data_frame_is_counted_and_not_handed_up(bus: CanBus
     peer.send(can.Message(arbitration_id=0x123, is_extended_id=False, data=b'x'))
     peer.send(can.Message(arbitration_id=0x18FEF533, is_remote_frame=True, dlc=3))
     peer.send(can.Message(arbitration_id=0x18FEF533, is_fd=True, data=bytes(12)))
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     assert counted(transport) == {'standard frames': 1, 'remote frames': 1, 'CAN FD frames': 1}
 
 
@@ -88,8 +83,7 @@ def test_error_frames_are_counted_by_kind_in_spite_of_filters(bus: CanBus) -> No
     peer, transport = bus.endpoint(), bus.transport([(LAST.identifier, 0x1FFFFFFF)])
     peer.send(error_frame(0x20))
     peer.send(error_frame(0x04, controller=0x20))
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     assert counted(transport) == {
         'error frames': 2,
         'frames not acknowledged': 1,
@@ -113,12 +107,11 @@ def test_bus_off_and_lost_frames_are_a_lost_port_that_can_be_opened_again(
 ) -> None:
     peer, transport = bus.endpoint(), bus.transport()
     peer.send(error)
-    wait_for(lambda: is_readable(transport), 5.0, 'the error frame')
+    wait_for(lambda: readable(transport), 5.0, 'the error frame')
     with pytest.raises(TransportError, match=text):
         transport.receive()
     transport.open()
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     assert counted(transport) == {'error frames': 1, **dict.fromkeys(kinds, 1)}
 
 
@@ -203,8 +196,7 @@ def test_datagram_that_is_no_frame_is_counted(can_bus: CanBus) -> None:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         for datagram in (b'', b'\xff\x00 no msgpack', b'\x81\xa1x\x01', too_long):
             sender.sendto(datagram, (group, int(port)))
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     assert counted(transport) == {'impossible frames': 4}
 
 
@@ -239,27 +231,20 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     transport.close()
 
 
-def test_serial_adapter_is_for_one_program(pty: Pty) -> None:
-    first = CanTransport('slcan', str(pty.path))
-    second = CanTransport('slcan', f'{pty.path}@115200')
+@pytest.mark.parametrize('interface', ['slcan', 'robotell', 'seeedstudio', 'serial'])
+def test_serial_adapter_is_for_one_program(pty: Pty, interface: str) -> None:
+    first = CanTransport(interface, str(pty.path))
+    second = CanTransport(interface, str(pty.path) + '@115200' * (interface == 'slcan'))
     first.open()
     for _ in range(2):
-        with pytest.raises(TransportError, match=r'cannot open slcan .*: in use by another'):
+        with pytest.raises(TransportError, match=rf'open {interface} .*: in use by another'):
             second.open()
-    pty.write(b'T18FEF53320102\r')
-    assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
+    if interface == 'slcan':
+        pty.write(b'T18FEF53320102\r')
+        assert wait_frames(first, 1) == [CanFrame(0x18FEF533, b'\x01\x02')]
     first.close()
     second.open()
     second.close()
-
-
-@pytest.mark.parametrize('interface', ['robotell', 'seeedstudio', 'serial'])
-def test_other_serial_adapters_are_for_one_program_too(pty: Pty, interface: str) -> None:
-    first, second = (CanTransport(interface, str(pty.path)) for _ in range(2))
-    first.open()
-    with pytest.raises(TransportError, match=rf'cannot open {interface} .*: in use by another'):
-        second.open()
-    first.close()
 
 
 def test_line_that_a_serial_adapter_cuts_short_is_a_lost_port(pty: Pty) -> None:
@@ -295,8 +280,7 @@ def test_flood_that_nobody_reads_is_counted_and_loses_the_bus() -> None:
     with pytest.raises(TransportError, match='frames were lost, and may have said stop'):
         transport.receive()
     transport.open()
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     bus.close()
 
 
@@ -304,7 +288,6 @@ def test_frame_that_cannot_be_is_counted() -> None:
     bus = CanBus('virtual', 'impossible')
     peer, transport = bus.endpoint(), bus.transport()
     peer.send(can.Message(arbitration_id=1 << 29, is_extended_id=True, check=False))
-    peer.send(message(LAST.identifier, LAST.data))
-    assert arrives(transport) == []
+    assert arrives(peer, transport) == []
     assert counted(transport) == {'impossible frames': 1}
     bus.close()

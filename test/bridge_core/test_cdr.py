@@ -20,29 +20,15 @@ KINDS = (Bool, Joy, JointState, UInt8MultiArray)
 FLOATS = st.lists(st.floats(width=32), max_size=9)
 DOUBLES = st.lists(st.floats(), max_size=9)
 TEXTS = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9)
-HEADERS = st.builds(
-    lambda sec, nanosec, frame_id: Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
-    st.integers(-(1 << 31), (1 << 31) - 1),
-    st.integers(0, (1 << 32) - 1),
-    TEXTS,
-)
+INTEGERS = st.integers(-(1 << 31), (1 << 31) - 1)
+TIMES = st.builds(Time, sec=INTEGERS, nanosec=st.integers(0, (1 << 32) - 1))
+HEADERS = st.builds(Header, stamp=TIMES, frame_id=TEXTS)
+JOINTS: Any = {'name': st.lists(TEXTS, max_size=4), **dict.fromkeys(cdr._FIELDS, DOUBLES)}
 MESSAGES = st.one_of(
-    st.builds(lambda data: Bool(data=data), st.booleans()),
-    st.builds(
-        lambda header, axes, buttons: Joy(header=header, axes=axes, buttons=buttons),
-        HEADERS,
-        FLOATS,
-        st.lists(st.integers(-(1 << 31), (1 << 31) - 1), max_size=9),
-    ),
-    st.builds(
-        lambda header, name, *arrays: JointState(
-            header=header, name=name, **dict(zip(cdr._FIELDS, arrays, strict=True))
-        ),
-        HEADERS,
-        st.lists(TEXTS, max_size=4),
-        *(DOUBLES,) * 3,
-    ),
-    st.builds(lambda data: UInt8MultiArray(data=data), st.binary(max_size=99)),
+    st.builds(Bool, data=st.booleans()),
+    st.builds(Joy, header=HEADERS, axes=FLOATS, buttons=st.lists(INTEGERS, max_size=9)),
+    st.builds(JointState, header=HEADERS, **JOINTS),
+    st.builds(UInt8MultiArray, data=st.binary(max_size=99)),
 )
 
 
@@ -117,9 +103,7 @@ def test_written_bool_is_what_rclpy_would_write(value: bool) -> None:
     assert deserialize_message(written, Bool) == Bool(data=value)
 
 
-def test_where_the_middleware_has_another_form_messages_stay_messages(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_messages_of_another_form_stay_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cdr, 'fits', lambda: False)
     assert [reader_of(kind) for kind in KINDS] == [None] * 4
     assert reader_of(Time) is None

@@ -4,6 +4,7 @@
 """The checksums, against the plain loops of their definitions."""
 
 from collections.abc import Callable
+from functools import partial
 import random
 
 import pytest
@@ -28,31 +29,23 @@ def plain_fletcher16(data: bytes) -> int:
     return sum2 << 8 | sum1
 
 
-def plain_crc16(data: bytes) -> int:
-    crc = 0xFFFF
+def plain_crc(width: int, polynomial: int, data: bytes) -> int:
+    """Divide bit by bit, the highest one first, with all ones as the first remainder."""
+    mask, crc = (1 << width) - 1, (1 << width) - 1
     for byte in data:
-        crc ^= byte << 8
+        crc ^= byte << width - 8
         for _ in range(8):
-            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
-    return crc
-
-
-def plain_mpeg2(data: bytes) -> int:
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc ^= byte << 24
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x04C11DB7 if crc & 0x80000000 else crc << 1) & 0xFFFFFFFF
+            crc = (crc << 1 ^ (polynomial if crc >> width - 1 else 0)) & mask
     return crc
 
 
 def plain_iso_hdlc(data: bytes) -> int:
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ 0xEDB88320 if crc & 1 else crc >> 1  # 0x04C11DB7, mirrored
-    return crc ^ 0xFFFFFFFF
+    mirrored = bytes(int(f'{byte:08b}'[::-1], 2) for byte in data)
+    return int(f'{plain_mpeg2(mirrored):032b}'[::-1], 2) ^ 0xFFFFFFFF
+
+
+plain_crc16 = partial(plain_crc, 16, 0x1021)
+plain_mpeg2 = partial(plain_crc, 32, 0x04C11DB7)
 
 
 def samples(length: int) -> list[bytes]:

@@ -34,9 +34,7 @@ def nodes(tmp_path: Path) -> tuple[Path, Path]:
     return tty, other
 
 
-def test_second_node_of_the_same_tty_is_refused_until_it_is_closed(
-    nodes: tuple[Path, Path],
-) -> None:
+def test_second_node_of_a_tty_is_refused_until_it_is_closed(nodes: tuple[Path, Path]) -> None:
     first, second = (SerialTransport(str(node), 9600) for node in nodes)
     first.open()
     before = termios.tcgetattr(first.fileno())
@@ -51,7 +49,7 @@ def test_second_node_of_the_same_tty_is_refused_until_it_is_closed(
     second.close()
 
 
-def test_doctor_that_listens_keeps_all_others_out_and_leaves_the_line_as_it_was(
+def test_doctor_keeps_all_others_out_and_leaves_the_line_as_it_was(
     nodes: tuple[Path, Path],
 ) -> None:
     fd = os.open(nodes[0], os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
@@ -68,9 +66,7 @@ def test_doctor_that_listens_keeps_all_others_out_and_leaves_the_line_as_it_was(
     os.close(fd)
 
 
-def test_serial_can_adapter_stays_with_the_first_though_others_were_refused(
-    nodes: tuple[Path, Path],
-) -> None:
+def test_serial_can_adapter_stays_with_the_first_that_opens_it(nodes: tuple[Path, Path]) -> None:
     first, second = (CanTransport('slcan', str(node)) for node in nodes)
     first.open()
     for refused in (second, second, SerialTransport(str(nodes[1]), 9600)):

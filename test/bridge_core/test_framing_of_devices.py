@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 import itertools
+import math
 import pickle
 from typing import Any
 
@@ -116,16 +117,60 @@ def test_whole_reads_give_what_single_bytes_give(name: str, data: st.DataObject)
     make = LINES[name][0]
     stream = data.draw(PIECES[name])
     whole, single, cut = make(), make(), make()
-    messages = whole.feed(stream, 1.0)
-    assert messages == [
-        m for at in range(len(stream)) for m in single.feed(stream[at : at + 1], 1)
-    ]
+    found = whole.feed(stream, 1.0)
+    assert found == [m for at in range(len(stream)) for m in single.feed(stream[at : at + 1], 1)]
     places = data.draw(st.lists(st.integers(0, len(stream)), max_size=4))
     edges = [0, *sorted(places), len(stream)]
-    assert messages == [
-        m for a, b in itertools.pairwise(edges) for m in cut.feed(stream[a:b], 1.0)
-    ]
+    assert found == [m for a, b in itertools.pairwise(edges) for m in cut.feed(stream[a:b], 1.0)]
     assert whole.counters == single.counters == cut.counters
+
+
+def _drained(parser: Any, stream: bytes) -> list[Any]:
+    """Return what comes of a stream once the line is idle behind it."""
+    found: list[Any] = parser.feed(stream, 1.0)
+    while parser.deadline < math.inf:
+        found += parser.poll(parser.deadline)
+    return found
+
+
+def _sound(name: str) -> list[tuple[bytes, Any]]:
+    """Return the frames that are messages, and which."""
+    make, frames, _ = LINES[name]
+    return [(frame, message) for frame in frames for message in _drained(make(), frame)]
+
+
+@every_line
+def test_damaged_frame_costs_itself_alone(name: str) -> None:
+    make, sound = LINES[name][0], _sound(name)
+    for number, (frame, _) in enumerate(sound):
+        stream = [each for each, _ in sound]
+        for bit in range(8 * len(frame)):
+            stream[number] = _flipped(frame, bit // 8, bit % 8)
+            others = [message for n, (_, message) in enumerate(sound) if n != number]
+            assert _drained(make(), b''.join(stream)) == others, (frame.hex(), bit)
+
+
+@every_line
+def test_cut_frame_and_corrupt_head_keep_the_next_frame(name: str) -> None:
+    make, sound = LINES[name][0], _sound(name)
+    good, message = sound[0]
+    for frame, _ in sound:
+        for size in range(1, len(frame)):
+            assert _drained(make(), frame[:size] + good)[-1:] == [message], size
+        for at, byte in itertools.product(range(4), range(256)):
+            corrupt = frame[:at] + bytes((byte,)) + frame[at + 1 :]
+            assert _drained(make(), corrupt + good)[-1:] == [message], (frame.hex(), at, byte)
+
+
+@every_line
+@given(data=st.data())
+def test_garbage_before_and_between_hides_no_frame(name: str, data: st.DataObject) -> None:
+    make, _, heads = LINES[name]
+    noise = st.binary(max_size=30) | st.sampled_from([heads[:1], heads[:2], heads[:4]])
+    sound = _sound(name)
+    stream = b''.join(data.draw(noise) + frame for frame, _ in sound)
+    messages = [message for _, message in sound]
+    assert [each for each in _drained(make(), stream) if each in messages] == messages
 
 
 @given(data=st.data())

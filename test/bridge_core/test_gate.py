@@ -134,9 +134,7 @@ SHUT_BY = [  # kinds, what is heard once it is open, and why it shuts
     ('kind', 'words', 'reason'),
     [(kind, words, reason) for kinds, words, reason in SHUT_BY for kind in kinds],
 )
-def test_anything_missing_shuts_it_and_is_told_once(
-    kind: str, words: Sequence[str], reason: str
-) -> None:
+def test_what_is_missing_shuts_it_once(kind: str, words: Sequence[str], reason: str) -> None:
     rig = opened(kind).say(*words)
     assert [each for told in rig.told for each in told if each.startswith(reason)]
     assert len(rig.told) == 1
@@ -150,9 +148,7 @@ def test_anything_missing_shuts_it_and_is_told_once(
 
 @pytest.mark.parametrize('words', [['estop', 'clear'], ['fault', 'well'], ['bad', 'command']])
 @pytest.mark.parametrize(('kind', 'todo'), [('neutral', NEUTRAL), ('edge', EDGE)])
-def test_stop_that_ends_opens_nothing_and_says_what_does(
-    kind: str, todo: str, words: Sequence[str]
-) -> None:
+def test_stop_that_ends_says_what_opens_it(kind: str, todo: str, words: Sequence[str]) -> None:
     rig = opened(kind).say(*words)
     assert not rig.gate.is_open
     assert rig.reasons[0] == todo
@@ -209,9 +205,7 @@ LATE = [
 
 
 @pytest.mark.parametrize(('words', 'reason'), LATE)
-def test_edge_waits_for_a_command_until_something_is_missing(
-    words: Sequence[str], reason: str
-) -> None:
+def test_edge_waits_for_a_command_until_one_is_missing(words: Sequence[str], reason: str) -> None:
     rig = Rig('edge').say(*WAITING)
     assert (rig.gate.state, rig.gate.deadline) == (State.WAITING, rig.now + COMMAND)
     rig.say(*words, *['0.2'] * (not words))
@@ -244,9 +238,7 @@ VAIN = [
 
 
 @pytest.mark.parametrize(('words', 'reasons'), VAIN)
-def test_enable_that_rises_in_vain_is_told_once(
-    words: Sequence[str], reasons: Sequence[str]
-) -> None:
+def test_enable_in_vain_is_told_once(words: Sequence[str], reasons: Sequence[str]) -> None:
     assert Rig('edge').say(*words).vain == [(reason,) for reason in reasons]
 
 

@@ -3,10 +3,10 @@
 
 """The multicast port: who hears whom, and interfaces that vanish and come back."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
-import select
+import functools
 import socket
 from typing import Any
 
@@ -16,9 +16,18 @@ from bridge_core.transports import multicast, TransportError
 from bridge_core.transports.multicast import MulticastTransport
 from rugged_teleop.multicasts import GROUP, LOOPBACK
 from stage.multicast_rig import free_port, in_network_namespace, run_ip
+from stage.port_rig import readable
 from stage.rig import wait_for
 
 Ports = tuple[MulticastTransport, MulticastTransport]
+
+
+def in_a_network_of_its_own(test: Callable[..., None]) -> Callable[..., None]:
+    @functools.wraps(test)
+    def run(**given: Any) -> None:
+        in_network_namespace(lambda: test(**given))
+
+    return run
 
 
 def pair(port: int, address: str = LOOPBACK, **options: Any) -> Ports:
@@ -27,23 +36,25 @@ def pair(port: int, address: str = LOOPBACK, **options: Any) -> Ports:
     return ours, MulticastTransport(GROUP, port + 2, port, interface_address=address)
 
 
+@contextlib.contextmanager
+def opened(*ports: MulticastTransport) -> Iterator[Any]:
+    """Open them; close them in the end."""
+    with contextlib.ExitStack() as stack:
+        for each in ports:
+            each.open()
+            stack.callback(each.close)
+        yield ports
+
+
 @pytest.fixture
 def ends() -> Iterator[Ports]:
-    ours, theirs = pair(free_port())
-    ours.open()
-    theirs.open()
-    yield ours, theirs
-    ours.close()
-    theirs.close()
-
-
-def readable(transport: MulticastTransport, timeout: float = 2.0) -> bool:
-    return bool(select.select([transport.fileno()], [], [], timeout)[0])
+    with opened(*pair(free_port())) as ports:
+        yield ports
 
 
 def heard(transport: MulticastTransport) -> list[bytes]:
     """Return the next datagrams. :raises AssertionError: none comes."""
-    return wait_for(lambda: transport.receive() if readable(transport, 0.1) else [], 2.0)
+    return wait_for(lambda: transport.receive() if readable(transport) else [], 2.0)
 
 
 def test_datagrams_keep_their_bounds_both_ways(ends: Ports) -> None:
@@ -61,17 +72,15 @@ def test_port_is_shared_with_a_program_that_knows_one_way_to_share(option: int) 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.setsockopt(socket.SOL_SOCKET, option, 1)
         other.bind(('', port))
-        ours = pair(port)[0]
-        ours.open()
-        ours.close()
+        with opened(pair(port)[0]):
+            pass
 
 
 def test_other_group_and_unicast_on_the_same_port_are_not_heard(ends: Ports) -> None:
     ours, theirs = ends
     port = int(ours.name.split(':')[1].split()[0])
     other = MulticastTransport('239.255.42.21', port, port, interface_address=LOOPBACK)
-    other.open()
-    with contextlib.closing(other), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unicast:
+    with opened(other), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unicast:
         other.send(b'another group')
         unicast.sendto(b'unicast', (LOOPBACK, port))
         assert heard(other) == [b'another group']
@@ -81,18 +90,11 @@ def test_other_group_and_unicast_on_the_same_port_are_not_heard(ends: Ports) -> 
 
 def test_sources_that_are_not_allowed_are_counted_and_dropped() -> None:
     port = free_port()
-    ours, theirs = pair(port, allowed_sources=['127.0.0.2', '127.0.0.3'])
-    ours.open()
-    theirs.open()
-    with (
-        contextlib.closing(ours),
-        contextlib.closing(theirs),
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as allowed,
-    ):
+    ends = pair(port, allowed_sources=['127.0.0.2', '127.0.0.3'])
+    with opened(*ends) as (ours, theirs), socket.socket(type=socket.SOCK_DGRAM) as allowed:
         allowed.bind(('127.0.0.2', 0))
-        allowed.setsockopt(
-            socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1')
-        )
+        address = socket.inet_aton('127.0.0.1')
+        allowed.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, address)
         theirs.send(b'foreign')
         allowed.sendto(b'allowed', (GROUP, port))
         assert heard(ours) == [b'allowed']
@@ -166,16 +168,13 @@ def test_refused_by_the_kernel_is_a_lost_port_and_a_busy_line_drops(
         ours.receive()
 
 
+@in_a_network_of_its_own
 def test_every_address_of_an_interface_is_found() -> None:
-    def body() -> None:
-        add_cable()
-        run_ip('address', 'add', '192.0.2.3/24', 'dev', 'near')
-        for address in ('192.0.2.1', '192.0.2.3', LOOPBACK):
-            ours = pair(free_port(), address)[0]
-            ours.open()
-            ours.close()
-
-    in_network_namespace(body)
+    add_cable()
+    run_ip('address', 'add', '192.0.2.3/24', 'dev', 'near')
+    for address in ('192.0.2.1', '192.0.2.3', LOOPBACK):
+        with opened(pair(free_port(), address)[0]):
+            pass
 
 
 # -- interfaces that go and come ------------------------------------------------------------------
@@ -198,30 +197,25 @@ def is_plugged() -> bool:
 @pytest.mark.parametrize(
     ('leave', 'come_back'),
     [
-        (('link', 'delete', 'near'), None),
-        (('link', 'set', 'near', 'down'), ('link', 'set', 'near', 'up')),
-        (('link', 'set', 'far', 'down'), ('link', 'set', 'far', 'up')),
-        (
-            ('address', 'del', '192.0.2.1/24', 'dev', 'near'),
-            ('address', 'add', '192.0.2.1/24', 'dev', 'near'),
-        ),
+        ('link delete near', ''),
+        ('link set near down', 'link set near up'),
+        ('link set far down', 'link set far up'),
+        ('address del 192.0.2.1/24 dev near', 'address add 192.0.2.1/24 dev near'),
     ],
     ids=['deleted', 'down', 'unplugged', 'without address'],
 )
+@in_a_network_of_its_own
 def test_vanished_interface_is_noticed_without_sending_and_joined_again(
-    leave: tuple[str, ...], come_back: tuple[str, ...] | None
+    leave: str, come_back: str
 ) -> None:
-    def body() -> None:
-        add_cable()
-        ours, theirs = pair(free_port(), '192.0.2.1')
-        ours.open()
-        theirs.open()
+    add_cable()
+    with opened(*pair(free_port(), '192.0.2.1')) as (ours, theirs):
         theirs.send(b'before')
         assert heard(ours) == [b'before']
-        run_ip(*leave)
+        run_ip(*leave.split())
 
         def lost() -> bool:
-            readable(ours, 0.1)
+            readable(ours)
             try:
                 ours.receive()
             except TransportError as error:
@@ -232,28 +226,19 @@ def test_vanished_interface_is_noticed_without_sending_and_joined_again(
         ours.close()
         with pytest.raises(TransportError, match='interface'):
             ours.open()
-        if come_back is None:
-            add_cable()
-        else:
-            run_ip(*come_back)
+        run_ip(*come_back.split()) if come_back else add_cable()
         wait_for(is_plugged, 5.0, 'the cable')
         ours.open()
         theirs.close()
         theirs.open()
         theirs.send(b'after')
         assert heard(ours) == [b'after']
-        ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
 
 
+@in_a_network_of_its_own
 def test_cable_is_of_no_matter_where_nothing_leaves_the_machine() -> None:
-    def body() -> None:
-        add_cable()
-        ours, theirs = pair(free_port(), '192.0.2.1', needs_cable=False)
-        ours.open()
-        theirs.open()
+    add_cable()
+    with opened(*pair(free_port(), '192.0.2.1', needs_cable=False)) as (ours, theirs):
         run_ip('link', 'set', 'far', 'down')
         wait_for(lambda: not is_plugged(), 5.0, 'the loss of the cable')
         assert ours.receive() == []
@@ -261,47 +246,31 @@ def test_cable_is_of_no_matter_where_nothing_leaves_the_machine() -> None:
         assert heard(ours) == [b'beside us']
         ours.close()
         ours.open()
-        ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
 
 
+@in_a_network_of_its_own
 def test_change_of_another_interface_is_no_loss() -> None:
-    def body() -> None:
-        add_cable()
-        ours = pair(free_port())[0]
-        ours.open()
+    add_cable()
+    with opened(pair(free_port())[0]) as (ours,):
         run_ip('link', 'delete', 'near')
-        assert readable(ours)
+        assert readable(ours, 2.0)
         assert ours.receive() == []
-        ours.close()
-
-    in_network_namespace(body)
 
 
+@in_a_network_of_its_own
 def test_without_an_address_the_routing_table_decides() -> None:
-    def body() -> None:
-        port = free_port()
-        ours = MulticastTransport(GROUP, port, port + 2)
-        with pytest.raises(TransportError, match='set interface_address'):
-            ours.open()
-        add_cable()
-        run_ip('route', 'add', '239.0.0.0/8', 'dev', 'near')
+    port = free_port()
+    ours = MulticastTransport(GROUP, port, port + 2)
+    with pytest.raises(TransportError, match='set interface_address'):
         ours.open()
-        theirs = pair(port, '192.0.2.1')[1]
-        theirs.open()
+    add_cable()
+    run_ip('route', 'add', '239.0.0.0/8', 'dev', 'near')
+    with opened(ours, pair(port, '192.0.2.1')[1]) as (_, theirs):
         theirs.send(b'routed')
         assert heard(ours) == [b'routed']
-        ours.close()
-        theirs.close()
-
-    in_network_namespace(body)
 
 
-def test_lost_announcements_are_taken_for_a_change(
-    ends: Ports, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_announcements_are_a_change(ends: Ports, monkeypatch: pytest.MonkeyPatch) -> None:
     ours = ends[0]
     looked: list[str] = []
 

@@ -206,9 +206,7 @@ COMMANDS = [  # ms before it is heard that a command was made, and what of it is
 
 
 @pytest.mark.parametrize(('ages', 'reason'), COMMANDS)
-def test_command_is_as_old_as_the_proof_by_which_it_was_the_newest(
-    ages: Sequence[float], reason: str
-) -> None:
+def test_command_is_as_old_as_the_proof_that_has_it(ages: Sequence[float], reason: str) -> None:
     rig = Rig().say(*PROVEN, '0.5')
     for age in ages:
         rig.words.hear_command(round((rig.now - age / 1e3) * 1e9), rig.now)
@@ -218,9 +216,7 @@ def test_command_is_as_old_as_the_proof_by_which_it_was_the_newest(
     assert rig.stops == ''
 
 
-def test_command_is_young_while_proofs_say_that_it_is_the_newest(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_command_is_young_while_proofs_say_it_is_newest(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig().say(*PROVEN)
     stamp = round(rig.now * 1e9)
     rig.mux.writer.vouch(stamp)

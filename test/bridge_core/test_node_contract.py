@@ -89,9 +89,7 @@ def test_stop_that_was_lost_among_others_is_one(
         other.destroy_node()
 
 
-def test_publishers_that_are_never_heard_fill_no_log(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_publishers_never_heard_fill_no_log(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each ``ros2 topic pub`` has a name of its own."""
     with alone(FortVscBridge, context) as node:
         names = itertools.count()
@@ -116,9 +114,7 @@ REPORT = Report(Status(Level.OK, 'ok', {}), Status(Level.OK, 'ok', {}))
 
 
 @pytest.mark.parametrize('kind', BRIDGES)
-def test_node_demands_a_stop_until_its_link_is_healthy_and_when_it_is_left(
-    context: Any, kind: Any
-) -> None:
+def test_node_demands_a_stop_until_its_link_is_healthy_and_left(context: Any, kind: Any) -> None:
     with alone(kind, context) as node:
         assert node.verdict == Verdict.stop(link_up=False)
         node.on_events([StopChanged(Verdict())], 1.0)

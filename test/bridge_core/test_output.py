@@ -16,7 +16,7 @@ import sys
 import pytest
 
 from bridge_core import drain
-from stage.rig import ROOT, TIMEOUT_FACTOR, wait_for
+from stage.rig import ROOT, run_python, TIMEOUT_FACTOR, wait_for
 
 LINE = b'0123456789abcdef' * 64 + b'\n'
 
@@ -119,7 +119,7 @@ def test_what_goes_to_a_file_waits_for_no_disk_and_comes_whole(tmp_path: Path) -
     )
     file = tmp_path / 'log'
     with file.open('wb') as output:
-        subprocess.run([sys.executable, '-c', source], stdout=output, cwd=ROOT, check=True)
+        run_python('-c', source, stdout=output, check=True)
     wait_for(lambda: file.read_text() == 'done\n', 5.0, 'the line')
 
 
@@ -143,14 +143,9 @@ def test_log_file_is_written_as_the_words_of_ros_say(
         '    print("\\x1b[33mwords\\x1b[0m", file=sys.stderr)\n'
     )
     folder = tmp_path / 'new' / 'folder'
-    ended = subprocess.run(
-        [sys.executable, '-c', source, *words],
-        env={**os.environ, 'ROS_LOG_DIR': str(folder)},
-        cwd=ROOT,
-        capture_output=True,
-        check=True,
-    )
-    assert ended.stderr == b'\x1b[33mwords\x1b[0m\n' * shown
+    environment = {**os.environ, 'ROS_LOG_DIR': str(folder)}
+    ended = run_python('-c', source, *words, env=environment, check=True)
+    assert ended.stderr == '\x1b[33mwords\x1b[0m\n' * shown
     found = [*folder.glob('*')]
     assert found == [*folder.glob(files)][:1]
     assert [file.read_text() for file in found] == ['words\n'] * (files != 'none')
@@ -165,9 +160,7 @@ def test_log_file_that_cannot_be_made_is_told(tmp_path: Path) -> None:
         '    print("words", file=sys.stderr)\n'
     )
     log = tmp_path / 'file' / 'x.log'
-    ended = subprocess.run(
-        [sys.executable, '-c', source, log], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    ended = run_python('-c', source, str(log), check=True)
     assert sorted(ended.stderr.splitlines()) == [f'[no log file: {log}: File exists]', 'words']
 
 
@@ -184,7 +177,7 @@ def test_print_into_a_pipe_that_takes_nothing_raises_nothing() -> None:
         'os.close(read)\n'
         'print("nobody hears it")\n'
     )
-    subprocess.run([sys.executable, '-c', source], cwd=ROOT, check=True, timeout=20.0)
+    run_python('-c', source, check=True)
 
 
 _CLOSED = ['sh', '-c', 'exec "$@" <&- >&- 2>&-', 'sh', sys.executable]

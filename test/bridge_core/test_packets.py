@@ -73,9 +73,7 @@ def test_unknown_type_may_have_any_length_up_to_the_greatest(length: int) -> Non
 
 
 @pytest.mark.parametrize(('baud', 'seconds'), [(1000, 2 * 9 * 10 / 1000), (115200, 0.05)])
-def test_partial_packet_has_twice_the_time_that_the_longest_known_one_takes(
-    baud: int, seconds: float
-) -> None:
+def test_partial_packet_has_twice_the_time_of_the_longest_one(baud: int, seconds: float) -> None:
     """One of three bytes, six about it: here a type of two lengths and a shorter one."""
     lengths = {1: (2, 3), 2: (1,)}
     packets = PacketFormat(b'\x10\x20', max_length=200, lengths=lengths, summed_from=2)

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 import contextlib
 import os
 from pathlib import Path
-import subprocess
-import sys
 from typing import Any
 
 import pytest
@@ -29,7 +27,7 @@ from bridge_core.parameter_files import (
 from bridge_core.parameters import ParameterError
 from bridge_core.runner import run
 from safety_mux.node import SafetyMux
-from stage.rig import ROOT
+from stage.rig import run_python
 
 NODE = '/left/safety_mux'
 FOR_IT = (
@@ -77,9 +75,7 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize('name', [*FOR_IT, *NOT_FOR_IT])
-def test_our_idea_of_whom_a_section_is_for_is_that_of_ros(
-    name: str, file: Path, tmp_path: Path
-) -> None:
+def test_whom_a_section_is_for_is_what_ros_thinks(name: str, file: Path, tmp_path: Path) -> None:
     file.write_text(section(name))
     arguments = ['--params-file', str(file)]
     with of_ros(*arguments) as node:
@@ -204,10 +200,7 @@ def test_file_of_which_ros_takes_more_or_less_is_refused(text: str, why: str, fi
         ('//x: {ros__parameters: {}}\n', "//x has a '/' too many"),
         ('/**:\n  ros__parameters:\n    rates: \n', 'rates has no value'),
         *(
-            (
-                f'/**: {{ros__parameters: {{rates: {text}}}}}',
-                'rates = .* of several types, which ROS',
-            )
+            (f'/**: {{ros__parameters: {{rates: {text}}}}}', 'rates = .* of several types, which')
             for text in ('[20, 5.0]', '[a, 1]', '[yes, 1]')
         ),
     ],
@@ -251,10 +244,7 @@ def test_file_is_read_as_utf_8_whatever_the_locale_says(file: Path) -> None:
         f'print(ascii(get("/x", [Path({str(file)!r})])))'
     )
     plain = {'LC_ALL': 'C', 'PYTHONCOERCECLOCALE': '0', 'PYTHONUTF8': '0'}
-    command = [sys.executable, '-c', program]
-    done = subprocess.run(
-        command, cwd=ROOT, env={**os.environ, **plain}, capture_output=True, text=True
-    )
+    done = run_python('-c', program, env={**os.environ, **plain})
     assert done.stdout.strip() == ascii({'port': '/dev/ü'}), done.stderr
 
 

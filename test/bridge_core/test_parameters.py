@@ -192,7 +192,7 @@ _GROUPS = (
     ('given', 'names'),
     [({}, ['left']), ({'joints': ['a', 'b']}, ['a', 'b']), ({'joints': ['']}, [])],
 )
-def test_each_name_in_a_list_has_the_parameters_of_its_group(
+def test_each_name_has_the_parameters_of_its_group(
     given: dict[str, Any], names: list[str]
 ) -> None:
     table = {p.name: p for p in with_named(_GENERAL, _GROUPS, given, {'joint.left.max': 5.0})}

@@ -40,9 +40,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 
 @pytest.mark.parametrize(('ready', 'spare'), [(0.0, 1.0), (3.0, 3.0)])
-def test_spare_is_started_a_while_after_its_wire_has_loaded(
-    bench: Bench, ready: float, spare: float
-) -> None:
+def test_spare_is_started_a_while_after_its_wire(bench: Bench, ready: float, spare: float) -> None:
     began = bench.now
     bench.step()
     bench.step_until(began + ready)
@@ -130,9 +128,7 @@ def test_sockets_take_more_than_the_system_gives_unasked_and_are_no_childs(bench
         assert room(bench.children[0].node._socket) > room(plain[0])
 
 
-def test_environment_leads_to_what_the_node_has_imported(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_environment_is_that_of_the_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(sys, 'path', ['', '/somewhere', ''])
     monkeypatch.setenv('ROS_DOMAIN_ID', '42')
     monkeypatch.chdir(tmp_path)
@@ -150,7 +146,6 @@ def test_environment_leads_to_what_the_node_has_imported(
 def test_spare_takes_over_from_a_wire_that_dies_and_tells_what_it_knows(bench: Bench) -> None:
     wire, spare = bench.start_both()
     wire.die()
-    bench.step()
     assert bench.owner.told[-1]
     spare.beat()
     bench.step()
@@ -169,14 +164,13 @@ def test_spare_takes_over_from_a_wire_that_dies_and_tells_what_it_knows(bench: B
     }
 
 
-def test_spare_has_its_turn_before_the_loss_is_told(
+def test_spare_turns_before_the_loss_is_told(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wire, spare = bench.start_both()
     told: list[list[str]] = []
     monkeypatch.setattr(bench.owner, 'link_changed', lambda text, ok: told.append(spare.told()))
     wire.die()
-    bench.step()
     assert told == [['turn']]
 
 
@@ -184,7 +178,6 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
     wire, _ = bench.start_both()
     wire.beat()
     wire.die()
-    bench.step()
     bench.step()
     assert bench.link.request(Call('say', ('x' * 70000,)))
     bench.step()
@@ -194,9 +187,7 @@ def test_wire_that_takes_over_and_says_nothing_does_not_end_the_trouble(bench: B
 def test_each_loss_is_reported_at_once(bench: Bench) -> None:
     wire, spare = bench.start_both()
     wire.die()
-    bench.step()
     spare.die(-35)
-    bench.step()
     assert [report.link.values['last wire'] for report in bench.owner.reports] == [
         'was killed by SIGKILL',
         'was killed by signal 35',
@@ -207,7 +198,6 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
     _, spare = bench.start_both()
     began = bench.now
     spare.die()
-    bench.step()
     assert bench.now == began
     assert spare.waited == [None]
     bench.live(bench.now + 0.5)
@@ -215,9 +205,7 @@ def test_spare_that_dies_is_replaced_and_is_no_trouble(bench: Bench) -> None:
     assert not bench.troubles()
 
 
-def test_what_is_in_force_is_kept_for_a_spare_as_it_is_asked_and_carried_over(
-    bench: Bench,
-) -> None:
+def test_what_is_in_force_is_kept_for_a_spare(bench: Bench) -> None:
     def kept() -> list[Any]:
         return [each.what for each in bench.link._in_force.read()]
 
@@ -235,9 +223,7 @@ def test_what_is_in_force_is_kept_for_a_spare_as_it_is_asked_and_carried_over(
 
 @pytest.mark.parametrize('moving', ['activation in force', 'only a command waits'])
 @pytest.mark.parametrize('end', ['in time', 'with a fault', 'never'])
-def test_spare_says_the_farewell_for_a_moving_wire_that_does_not(
-    bench: Bench, end: str, moving: str
-) -> None:
+def test_spare_says_the_farewell_that_a_wire_does_not(bench: Bench, end: str, moving: str) -> None:
     wire, spare = bench.start_moving()
     if moving == 'only a command waits':
         bench.command(2, 'deactivate', [])
@@ -277,7 +263,7 @@ def test_wire_that_moves_nothing_is_ended_with_its_spare(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize('replaces', [False, True])
-def test_wire_that_loads_as_the_node_leaves_says_a_farewell_for_the_one_before(
+def test_wire_that_loads_as_the_node_leaves_says_the_farewell(
     bench: Bench, replaces: bool
 ) -> None:
     """The first one has none to say."""
@@ -317,9 +303,7 @@ def test_thread_blocks_the_signals_that_end_a_node_and_leaves_at_the_end(
     assert select.select([bench.link._wake_fd], [], [], 0.0)[0]  # wherever it waits
 
 
-def test_stop_ends_the_thread_and_closes_its_descriptors_once(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stop_closes_its_descriptors_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[int] = []
     close_it = os.close
 
@@ -339,7 +323,7 @@ def test_stop_ends_the_thread_and_closes_its_descriptors_once(
     assert bench.link.request(Call('ping')) == 0
 
 
-def test_stop_from_the_thread_itself_leaves_it_its_descriptor(
+def test_stop_by_the_thread_leaves_it_its_wake(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:

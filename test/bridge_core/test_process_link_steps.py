@@ -162,9 +162,7 @@ def test_wire_that_ends_with_requests_unread_is_heard_out(bench: LinkBench) -> N
     assert heard == ['event first', 'event last', 'lost']
 
 
-def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
-    bench: LinkBench,
-) -> None:
+def test_end_of_a_command_is_none_of_those_behind_it(bench: LinkBench) -> None:
     told: list[int] = []
     bench.command(2, 'activate', told)
     bench.command(1, 'deactivate', told)  # of another thread, which was later
@@ -174,9 +172,7 @@ def test_end_of_a_command_is_none_of_those_behind_it_whatever_their_numbers(
     assert bench.replace() == ['2 activate', '1 deactivate']
 
 
-def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by_then(
-    bench: LinkBench,
-) -> None:
+def test_wire_that_takes_over_is_told_what_is_carried_over(bench: LinkBench) -> None:
     told: list[int] = []
     bench.owner.carried = {'sent': 1}
     bench.command(1, 'activate', told)
@@ -191,9 +187,7 @@ def test_wire_that_takes_over_is_told_what_is_carried_over_to_each_activation_by
 
 
 @pytest.mark.parametrize('ready', [True, False])
-def test_process_that_cannot_start_has_time_for_its_last_words(
-    bench: LinkBench, ready: bool
-) -> None:
+def test_process_that_cannot_start_has_its_last_words(bench: LinkBench, ready: bool) -> None:
     """One that was at work has none: the device may still be moving."""
     if not ready:
         bench.link._state.wire = Stage.LOADING
@@ -221,9 +215,7 @@ def test_wire_has_the_priority_of_its_own_node(
 # -- silence, and what is told of it --------------------------------------------------------------
 
 
-def test_wire_that_hangs_is_a_stop_and_is_killed_soon_and_again_where_it_stays(
-    bench: LinkBench,
-) -> None:
+def test_wire_that_hangs_is_a_stop_and_is_killed_soon_and_again(bench: LinkBench) -> None:
     bench.owner.next = math.inf  # it does not wake the thread
     bench.run()
     began = bench.now
@@ -304,9 +296,7 @@ def test_request_that_is_too_long_is_refused_with_words_unless_it_is_a_stop(
 
 
 @pytest.mark.parametrize('wire', ['none', 'loads', 'is full'])
-def test_request_that_no_wire_takes_is_refused_where_somebody_waits(
-    bench: LinkBench, wire: str
-) -> None:
+def test_request_that_no_wire_takes_is_refused_to_who_waits(bench: LinkBench, wire: str) -> None:
     bench.run()
     if wire == 'is full':
         bench.fill()
@@ -315,6 +305,8 @@ def test_request_that_no_wire_takes_is_refused_where_somebody_waits(
     else:
         bench.link._wire = None
     assert bench.link.request(Call('ping')) == 0
+    assert bench.link.request(Call('request_stop', (True,)), stop=True) == 0
+    assert bench.child.kills == (wire == 'is full')  # one that loads cannot take it yet
     number = bench.link.request(Call('ping'), key='press', waits=True)
     assert number
     began = bench.now
@@ -352,7 +344,8 @@ def test_proof_as_large_as_a_message_may_be_kills_no_wire(bench: LinkBench) -> N
     assert not bench.child.kills
     told: Any = bench.wire.take()[0].what
     session = MuxWords('/mux')
-    assert session.hear_proof(*told.arguments, bench.now) is None
+    (data,) = told.arguments
+    assert session.hear_proof(data, bench.now) is None
     assert session.values(bench.now)['proofs damaged'] == 1
 
 

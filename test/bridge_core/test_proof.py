@@ -57,21 +57,11 @@ ANSWERS = st.lists(st.tuples(U64, I64), max_size=16)
 AGE = st.none() | st.integers(0, 2**32 - 2)
 
 
-@given(U64, U64, U32, U32, FLAG, FLAG, FLAG, I64, ANSWERS, AGE)
-def test_round_trip(
-    writer: int,
-    number: int,
-    stops: int,
-    own: int,
-    estop: bool,
-    own_estop: bool,
-    enable: bool,
-    newest: int,
-    answers: list[tuple[int, int]],
-    age: int | None,
-) -> None:
-    flags = (estop, own_estop, enable)
-    proof = Proof(writer, number, stops, own, *flags, newest, tuple(answers), age)
+PROOFS = st.builds(Proof, U64, U64, U32, U32, FLAG, FLAG, FLAG, I64, ANSWERS.map(tuple), AGE)
+
+
+@given(PROOFS)
+def test_round_trip(proof: Proof) -> None:
     assert Proof.from_bytes(proof.to_bytes()) == proof
 
 

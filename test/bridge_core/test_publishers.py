@@ -4,14 +4,13 @@
 """Two live publishers on one topic are distinguished from one restarted or killed."""
 
 from collections.abc import Iterator, Sequence
-from signal import SIGKILL
 import time
 
 import pytest
 from sensor_msgs.msg import Joy
 
 from bridge_core.publishers import PublisherWatch
-from stage.mux_talkers import MuxBench, SILENCE_STOPS_WITHIN, sticks
+from stage.mux_talkers import MuxBench, sticks
 from stage.rig import NodeProcess, Observer
 from stage.talkers import Talker
 
@@ -29,29 +28,29 @@ def hear(watch: PublisherWatch, *numbers: int | None, start: float = 100.0) -> f
     return start + len(numbers) * PERIOD
 
 
-@pytest.mark.parametrize(
-    ('numbers', 'two'),
-    [
-        pytest.param(range(1, 100), False, id='one'),
-        pytest.param((1, 2, 5, 6, 40, 41, 1000), False, id='one that loses messages'),
-        pytest.param((1, 3, 5), False, id='one that loses every other message'),
-        pytest.param((500, 501, 502, 1, 2, 3, 4, 5), False, id='a restart'),
-        pytest.param((500, 501, 1, 2, 40, 41, 42), False, id='a restart that loses messages'),
-        pytest.param((5, 5, 7), False, id='a restart that loses one'),
-        pytest.param((5, 1, 5), False, id='a restart that loses three'),
-        pytest.param((500, 501, 1, 2, 1, 2), True, id='two restarts in a second'),
-        pytest.param((5, 5, 5), True, id='a number that comes again is a step back'),
-        pytest.param((100, 1, 2, 101), True, id='the first goes on after two of the second'),
-        pytest.param((3, 5, 5), True, id='the first has lost one, and says as much'),
-        pytest.param(SLOW_SECOND, True, id='a slow second'),
-        *(
-            pytest.param([m for n in (1, 2, 3) for m in (n + ahead, n)], True, id=f'{ahead} ahead')
-            for ahead in (0, 1, 7, 1000)
-        ),
-    ],
-)
-def test_numbers_tell_two_publishers_from_one(numbers: Sequence[int], two: bool) -> None:
-    watch = PublisherWatch()
+NUMBERS: dict[str, tuple[Sequence[int], bool]] = {
+    'one': (range(1, 100), False),
+    'one that loses messages': ((1, 2, 5, 6, 40, 41, 1000), False),
+    'one that loses every other message': ((1, 3, 5), False),
+    'a restart': ((500, 501, 502, 1, 2, 3, 4, 5), False),
+    'a restart that loses messages': ((500, 501, 1, 2, 40, 41, 42), False),
+    'a restart that loses one': ((5, 5, 7), False),
+    'a restart that loses three': ((5, 1, 5), False),
+    'two restarts in a second': ((500, 501, 1, 2, 1, 2), True),
+    'a number that comes again is a step back': ((5, 5, 5), True),
+    'the first goes on after two of the second': ((100, 1, 2, 101), True),
+    'the first has lost one, and says as much': ((3, 5, 5), True),
+    'a slow second': (SLOW_SECOND, True),
+    **{
+        f'{ahead} ahead': ([m for n in (1, 2, 3) for m in (n + ahead, n)], True)
+        for ahead in (0, 1, 7, 1000)
+    },
+}
+
+
+@pytest.mark.parametrize('name', NUMBERS)
+def test_numbers_tell_two_publishers_from_one(name: str) -> None:
+    watch, (numbers, two) = PublisherWatch(), NUMBERS[name]
     now = hear(watch, *numbers)
     assert watch.doubled(now) == two
     if not two:
@@ -59,37 +58,28 @@ def test_numbers_tell_two_publishers_from_one(numbers: Sequence[int], two: bool)
         assert not watch.doubled(now)
 
 
-@pytest.mark.parametrize(
-    ('heard', 'doubled'),
-    [
-        pytest.param(
-            [(500, 100.0), (1, 101.0), (501, 103.0)],
-            {103.0: True, 106.0: True, 106.125: False},
-            id='who was heard within three seconds may be alive',
-        ),
-        pytest.param(
-            [(500, 100.0), (1, 101.0), (501, 103.125)], {103.125: False}, id='and no longer'
-        ),
-        pytest.param(
-            [(10, 100.0), (4, 100.5), (3, 101.5)], {101.5: True}, id='two steps in a second'
-        ),
-        pytest.param([(10, 100.0), (4, 100.5), (3, 101.625)], {101.625: False}, id='and in more'),
-        pytest.param(
-            [(40, 100.0), (30, 110.0), (20, 120.0), (10, 121.0)],
-            {121.0: True},
-            id='the last two steps count',
-        ),
-        pytest.param(
-            [(500, 100.0), (1, 100.05), (2, 100.1), (3, 110.0), (1, 110.05), (2, 110.1)],
-            {100.1: False, 110.1: False},
-            id='restarts far apart',
-        ),
-    ],
-)
-def test_moments_tell_two_publishers_from_one(
-    heard: Sequence[tuple[int, float]], doubled: dict[float, bool]
-) -> None:
-    watch = PublisherWatch()
+MOMENTS: dict[str, tuple[Sequence[tuple[int, float]], dict[float, bool]]] = {
+    'who was heard within three seconds may be alive': (
+        [(500, 100.0), (1, 101.0), (501, 103.0)],
+        {103.0: True, 106.0: True, 106.125: False},
+    ),
+    'and no longer': ([(500, 100.0), (1, 101.0), (501, 103.125)], {103.125: False}),
+    'two steps in a second': ([(10, 100.0), (4, 100.5), (3, 101.5)], {101.5: True}),
+    'and in more': ([(10, 100.0), (4, 100.5), (3, 101.625)], {101.625: False}),
+    'the last two steps count': (
+        [(40, 100.0), (30, 110.0), (20, 120.0), (10, 121.0)],
+        {121.0: True},
+    ),
+    'restarts far apart': (
+        [(500, 100.0), (1, 100.05), (2, 100.1), (3, 110.0), (1, 110.05), (2, 110.1)],
+        {100.1: False, 110.1: False},
+    ),
+}
+
+
+@pytest.mark.parametrize('name', MOMENTS)
+def test_moments_tell_two_publishers_from_one(name: str) -> None:
+    watch, (heard, doubled) = PublisherWatch(), MOMENTS[name]
     for number, now in heard:
         watch.heard(number, now)
     assert {now: watch.doubled(now) for now in doubled} == doubled
@@ -106,9 +96,7 @@ def test_messages_that_never_arrived_are_counted() -> None:
 @pytest.mark.parametrize(
     ('number', 'lost', 'two'), [(501, 0, True), (511, 10, True), (512, 510, False)]
 )
-def test_publisher_that_is_heard_again_may_have_lost_ten(
-    number: int, lost: int, two: bool
-) -> None:
+def test_publisher_heard_again_may_have_lost_ten(number: int, lost: int, two: bool) -> None:
     watch = PublisherWatch()
     for each in (500, 1):
         watch.heard(each, 100.0)
@@ -207,30 +195,3 @@ def test_second_mux_is_noticed_by_the_first_and_both_stay_stopped(mux: MuxBench)
     mux.state.clear()
     mux.wait(lambda: mux.is_past('stop the other publisher'), 'only one again')
     mux.active()
-
-
-_SOURCE = """
-import rclpy
-from rclpy.node import Node
-from std_msgs.msg import Bool
-rclpy.init()
-node = Node('source')
-publisher = node.create_publisher(Bool, '{topic}', 10)
-node.create_timer(0.02, lambda: publisher.publish(Bool()))
-rclpy.spin(node)
-"""
-
-
-def test_killed_source_does_not_keep_its_successor_out(mux: MuxBench) -> None:
-    mux.drive_estop.pause()
-    source = _SOURCE.format(topic=f'{mux.space}/esi_drive_bridge/estop')
-    with NodeProcess(source=source) as first:
-        mux.active()
-        cause = time.monotonic()
-        assert first.end(SIGKILL) == -SIGKILL
-        mux.stopped_since(cause, SILENCE_STOPS_WITHIN)
-    mux.joy.message = sticks()
-    with NodeProcess(source=source):
-        # Discovery still counts the dead one.
-        mux.active()
-        assert not any('two live' in status.message for status in mux.status.messages)

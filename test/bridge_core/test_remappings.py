@@ -4,6 +4,7 @@
 """Remappings: one that renames nothing is refused, and no other."""
 
 from collections.abc import Iterator
+import contextlib
 import gc
 import re
 from typing import Any
@@ -37,22 +38,28 @@ FINE = (
 
 @pytest.fixture
 def arguments(request: pytest.FixtureRequest) -> Iterator[list[str]]:
-    """Give a command line with the rules of the test, which ROS has."""
-    result = ['node', '--ros-args', *(word for rule in request.param for word in ('-r', rule))]
+    """Give a command line with the rule of the test, if any, which ROS has."""
+    result = ['node', '--ros-args', *(('-r', request.param) if hasattr(request, 'param') else ())]
     rclpy.init(args=result, signal_handler_options=SignalHandlerOptions.NO)
     yield result
     rclpy.try_shutdown()
     gc.collect()  # nodes are in cycles, and would stay in the graph of the tests that follow
 
 
-@pytest.mark.parametrize('arguments', [[rule] for rule in FINE], indirect=True)
+@contextlib.contextmanager
+def made(*kinds: Any) -> Iterator[list[Any]]:
+    """Give nodes of these kinds."""
+    nodes = [kind() for kind in kinds]
+    yield nodes
+    for node in nodes:
+        node.shut_down()
+        node.destroy_node()
+
+
+@pytest.mark.parametrize('arguments', FINE, indirect=True)
 def test_rules_that_ros_follows_are_left_alone(arguments: list[str]) -> None:
-    mux = SafetyMux()
-    try:
-        check_remappings([mux], arguments, ['esi_drive_bridge'])
-    finally:
-        mux.shut_down()
-        mux.destroy_node()
+    with made(SafetyMux) as nodes:
+        check_remappings(nodes, arguments, ['esi_drive_bridge'])
 
 
 @pytest.mark.parametrize(
@@ -66,43 +73,31 @@ def test_rules_that_ros_follows_are_left_alone(arguments: list[str]) -> None:
         ('command:=/n', 'there is no command; did you mean ~/command?'),
         ('/safety_mux/comand:=/n', 'there is no /safety_mux/comand; did you mean ~/command?'),
         ('fort_bridge/joy:=/n', 'there is no fort_bridge/joy; did you mean /fort_vsc_bridge/joy?'),
-        (
-            '{home}/command:=/n',
-            "the shell has made {home} of ~: quote it, as in -r '~/command:=/n'",
-        ),
+        ('{home}/command:=/n', "shell has made {home} of ~: quote it, as in -r '~/command:=/n'"),
         ('safety_mx:__ns:=/left', 'there is no safety_mx; did you mean safety_mux?'),
     ],
 )
-@pytest.mark.parametrize('arguments', [[]], indirect=True)
+@pytest.mark.usefixtures('arguments')
 def test_rule_that_renames_nothing_is_refused(
-    arguments: list[str], rule: str, hint: str, monkeypatch: pytest.MonkeyPatch
+    rule: str, hint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    del arguments
     home = '/home/robot'
     monkeypatch.setenv('HOME', home)
-    mux = SafetyMux()
-    try:
-        with pytest.raises(ParameterError, match=re.escape(hint.format(home=home))):
-            check_remappings([mux], ['-r', rule.format(home=home)])
-    finally:
-        mux.shut_down()
-        mux.destroy_node()
+    with (
+        made(SafetyMux) as nodes,
+        pytest.raises(ParameterError, match=re.escape(hint.format(home=home))),
+    ):
+        check_remappings(nodes, ['-r', rule.format(home=home)])
 
 
-@pytest.mark.parametrize('arguments', [[]], indirect=True)
-def test_rule_for_one_of_several_nodes_is_enough(arguments: list[str]) -> None:
-    del arguments
-    nodes = [SafetyMux(), Vm110Bridge()]
-    try:
+@pytest.mark.usefixtures('arguments')
+def test_rule_for_one_of_several_nodes_is_enough() -> None:
+    with made(SafetyMux, Vm110Bridge) as nodes:
         check_remappings(nodes, ['-r', '~/reset:=/r', '-r', '~/hold_output:=/h'])
         with pytest.raises(ParameterError, match='there is no ~/reset; see --help'):
             check_remappings(nodes, ['--remap', 'vm110_bridge:~/reset:=/r'])
         with pytest.raises(ParameterError, match='no vm11_bridge; did you mean vm110_bridge'):
             check_remappings(nodes, ['-r', 'vm11_bridge:~/hold_output:=/h'])
-    finally:
-        for node in nodes:
-            node.shut_down()
-            node.destroy_node()
 
 
 def test_chain_that_would_not_be_wired_is_refused(capfd: Any) -> None:

@@ -19,7 +19,7 @@ import weakref
 
 import pytest
 
-from bridge_core import realtime, refusals, runner
+from bridge_core import clock, realtime, refusals, runner
 from bridge_core.share import loopback_profiles
 from safety_mux.node import SafetyMux
 from stage.rig import ENDING, NodeProcess, TIMEOUT_FACTOR, wait_for
@@ -28,62 +28,46 @@ from stage.talkers import namespace
 NAMES = ('remote', 'drive', 'mux', 'servos')
 
 
-class Publisher:
-    def __init__(self, story: list[str], *, acknowledged: bool) -> None:
-        self._story, self._acknowledged = story, acknowledged
-
-    def wait_for_all_acked(self, timeout: Any) -> bool:
-        assert timeout.nanoseconds >= 0  # below zero it would wait for ever
-        assert timeout.nanoseconds <= 300_000_000
-        self._story.append('wait')
-        return self._acknowledged
+def leaving(*, actuates: bool = False) -> mock.MagicMock:
+    """Return a node with a publisher, which note what is called."""
+    node = mock.MagicMock(actuates=actuates)
+    node.publishers = [node.publisher]
+    return node
 
 
-class Node:
-    def __init__(self, *, acknowledged: bool = True, actuates: bool = False) -> None:
-        self.actuates = actuates
-        self.story: list[str] = []
-        self.publishers = [Publisher(self.story, acknowledged=acknowledged)]
-
-    def shut_down(self) -> None:
-        self.story.append('last stop')
-
-    def destroy_node(self) -> None:
-        self.story.append('gone')
-
-
-@pytest.mark.parametrize('acknowledged', [True, False])
-def test_publisher_leaves_after_its_last_stop_is_acknowledged_or_given_up(
-    acknowledged: bool,
+def test_nodes_leave_once_their_last_stops_have_arrived_or_their_time_is_over(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A reader drops what it has not yet taken in of a writer that it sees leave."""
-    nodes = [Node(acknowledged=acknowledged), Node()]
-    runner._leave(list(nodes))  # type: ignore[arg-type]
-    for node in nodes:
-        assert node.story == ['last stop', 'wait', 'gone']
+    moments = iter([100.0, 100.125, 101.0])  # the beginning, and before each of two waits
+    monkeypatch.setattr(clock, 'now', lambda: next(moments))
+    nodes = [leaving(), leaving()]
+    runner._leave([*nodes])
+    for node, left in zip(nodes, (175_000_000, 0), strict=True):
+        names = [name for name, *_ in node.mock_calls]
+        assert names == ['shut_down', 'publisher.wait_for_all_acked', 'destroy_node']
+        (timeout,) = node.publisher.wait_for_all_acked.call_args.args
+        assert timeout.nanoseconds == pytest.approx(left, abs=1)
+        assert timeout.nanoseconds >= 0  # or it would wait for ever
 
 
 @pytest.mark.parametrize('fault', [ZeroDivisionError, SystemExit])
-def test_actuators_leave_first_and_all_do_whatever_one_raises(
-    monkeypatch: pytest.MonkeyPatch, fault: type[BaseException]
-) -> None:
+def test_actuators_leave_first_and_all_do_whatever_one_raises(fault: type[BaseException]) -> None:
     story: list[str] = []
 
     def leave(name: str) -> None:
         story.append(name)
         raise fault
 
-    nodes = {name: Node(actuates=name in ('drive', 'servos')) for name in NAMES}
+    nodes = {name: leaving(actuates=name in ('drive', 'servos')) for name in NAMES}
     for name, node in nodes.items():
-        monkeypatch.setattr(node, 'shut_down', functools.partial(leave, name))
-    runner._leave(list(nodes.values()))  # type: ignore[arg-type]
+        node.shut_down = functools.partial(leave, name)
+    runner._leave([*nodes.values()])
     assert story == ['drive', 'servos', 'remote', 'mux']
-    assert all(node.story[-1] == 'gone' for node in nodes.values())
+    assert all(node.destroy_node.called for node in nodes.values())
 
 
-def test_executors_that_hang_hold_the_farewells_up_together(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_executors_that_hang_hold_farewells_up_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half a second each, of a stack, would keep its first actuator moving for some."""
     gate = threading.Event()
     monkeypatch.setattr(runner, 'DatingExecutor', mock.MagicMock)
@@ -136,9 +120,7 @@ def test_process_ends_after_its_threads() -> None:
     ('module', 'arguments'),
     [('safety_mux.node', ()), ('rugged_teleop.stack', ('--', 'safety_mux'))],
 )
-def test_signals_until_the_very_end_leave_the_status_at_0(
-    module: str, arguments: tuple[str, ...]
-) -> None:
+def test_signals_to_the_very_end_leave_status_0(module: str, arguments: tuple[str, ...]) -> None:
     with NodeProcess(module, namespace=namespace(), arguments=arguments) as node:
         node.wait_output('[INFO]')
 
@@ -168,9 +150,7 @@ def test_node_that_is_refused_leaves_the_graph_where_its_process_goes_on() -> No
     assert [node() for node in nodes] == [None]
 
 
-def test_what_is_refused_is_left_for_the_ledger_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refusal_is_left_for_the_ledger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     arguments = ['node', '--ros-args', '-p', 'rate:=0.0']
     assert runner.run([SafetyMux], arguments) == 2
@@ -314,9 +294,7 @@ def threads(process: NodeProcess) -> list[str]:
 
 
 @pytest.mark.parametrize('given', [{RANGE: 'LOCALHOST'}, {RANGE: 'SUBNET'}])
-def test_nodes_use_no_shared_memory(
-    environment: pytest.MonkeyPatch, given: dict[str, str]
-) -> None:
+def test_no_shared_memory_is_used(environment: pytest.MonkeyPatch, given: dict[str, str]) -> None:
     set_all(environment, given)
     with NodeProcess('safety_mux.node', namespace=namespace()) as mux:
         mux.wait_output('STOPPED')

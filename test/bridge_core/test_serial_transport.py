@@ -14,6 +14,7 @@ import socket
 import termios
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -62,7 +63,7 @@ def test_bytes_of_all_values_pass_both_ways(peer: Peer, transport: SerialTranspo
     peer.wait_received(ALL_BYTES)
 
 
-def test_stalled_peer_ends_in_an_error_and_close_does_not_wait(
+def test_stalled_peer_is_an_error_and_close_waits_not(
     peer: Any, transport: SerialTransport
 ) -> None:
     transport.open()
@@ -96,29 +97,22 @@ def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.Monke
     """The process may end right behind that, and its threads with it."""
     monkeypatch.setattr(serial_transport, '_FINISH_TIMEOUT', 10.0)
 
-    class Port:
-        in_waiting = 0
+    closed = threading.Event()
+    written: list[bytes] = []
 
-        def __init__(self) -> None:
-            self.written = b''
-            self.closed = threading.Event()
+    def read(size: int) -> bytes:
+        closed.wait(10.0)
+        return b''
 
-        def read(self, size: int) -> bytes:
-            self.closed.wait(10.0)
-            return b''
+    def write(data: bytes) -> None:
+        closed.wait(0.05)  # it is slow
+        written.append(data)
 
-        def write(self, data: bytes) -> None:
-            self.closed.wait(0.05)  # it is slow
-            self.written += data
-
-        def close(self) -> None:
-            self.closed.set()
-
-    port = Port()
+    port = SimpleNamespace(in_waiting=0, read=read, write=write, close=closed.set)
     pump = serial_transport._Pump(port)
     pump._ours.send(b'farewell')
     pump.close()
-    assert port.written == b'farewell'
+    assert written == [b'farewell']
 
 
 def test_frame_is_dropped_while_the_line_is_busy_and_the_stall_told(

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 
 import pytest
@@ -18,16 +17,16 @@ START = 100.0
 STOP, CLEAR = Verdict.stop(), Verdict()
 
 
-def supervisor(stage: Stage = Stage.NONE, *, at: float = START) -> Supervisor:
-    """Return one whose wire is in this stage since a moment, without a spare."""
+def supervisor(stage: Stage = Stage.NONE) -> Supervisor:
+    """Return one whose wire is in this stage since START, without a spare."""
     made = Supervisor(Times(), longest_pause=1.0)
     if stage is not Stage.NONE:
-        made.started(at)
+        made.started(START)
         if stage is not Stage.LOADING:
             made.spare = Stage.READY
-        made.turned(at)
+        made.turned(START)
         if stage is Stage.RUNNING:
-            made.heard(at, at)
+            made.heard(START, START)
     return made
 
 
@@ -46,7 +45,7 @@ def supervisor(stage: Stage = Stage.NONE, *, at: float = START) -> Supervisor:
         (Stage.RUNNING, Stage.READY, math.inf),
     ],
 )
-def test_one_process_loads_at_a_time_and_a_spare_after_its_wire(
+def test_one_process_loads_at_a_time_and_a_spare_later(
     wire: Stage, spare: Stage, due: float
 ) -> None:
     state = supervisor(wire)
@@ -99,46 +98,19 @@ def test_silence_is_a_stop_and_then_the_end(stage: Stage, hangs: float, killed: 
 # -- what the wire says ---------------------------------------------------------------------------
 
 
-def nothing(state: Supervisor) -> None: ...
-
-
-def stop(state: Supervisor) -> None:
-    state.said(STOP)
-
-
-def clear(state: Supervisor) -> None:
-    state.said(CLEAR)
-
-
-def clear_and_told(state: Supervisor) -> None:
-    state.said(CLEAR)
-    assert state.recovered(START) == CLEAR
-
-
-def clear_and_stop(state: Supervisor) -> None:
-    state.said(CLEAR)
-    state.said(STOP)
-
-
-def replaced(state: Supervisor) -> None:
-    state.said(CLEAR)
-    state.started(START)
-    state.turned(START)
-
-
 @pytest.mark.parametrize(
     ('happens', 'word', 'repeats', 'told', 'told_after_trouble'),
     [
-        (nothing, Word.NONE, True, None, None),
-        (stop, Word.STOP, True, None, STOP),
-        (clear, Word.RELEASE, False, CLEAR, CLEAR),
-        (clear_and_told, Word.CLEAR, False, None, CLEAR),
-        (clear_and_stop, Word.STOP, True, None, STOP),
-        (replaced, Word.NONE, True, None, None),
+        ([], Word.NONE, True, None, None),
+        ([STOP], Word.STOP, True, None, STOP),
+        ([CLEAR], Word.RELEASE, False, CLEAR, CLEAR),
+        ([CLEAR, 'told'], Word.CLEAR, False, None, CLEAR),
+        ([CLEAR, STOP], Word.STOP, True, None, STOP),
+        ([CLEAR, 'replaced'], Word.NONE, True, None, None),
     ],
 )
 def test_release_is_told_once_and_repeated_only_as_long_as_it_is_known(
-    happens: Callable[[Supervisor], None],
+    happens: list[Verdict | str],
     word: Word,
     repeats: bool,
     told: Verdict | None,
@@ -147,7 +119,14 @@ def test_release_is_told_once_and_repeated_only_as_long_as_it_is_known(
     """Trouble is a stop, and what the wire says of one is told again behind it."""
     for trouble in ('', 'it hangs'):
         state = supervisor(Stage.RUNNING)
-        happens(state)
+        for each in happens:
+            if each == 'told':
+                assert state.recovered(START) == CLEAR
+            elif isinstance(each, Verdict):
+                state.said(each)
+            else:
+                state.started(START)
+                state.turned(START)
         assert state.word is word
         state.trouble = trouble
         assert state.may_publish(knows=False) is (repeats or trouble != '')

@@ -23,7 +23,6 @@ from bridge_core.transports import forked, template
 from bridge_core.transports.child import Child
 from bridge_core.transports.forked import Forked, Template
 from bridge_core.transports.template import DONE
-from bridge_core.transports.wire_process import receive
 from stage.link_rig import FakeOwner
 from stage.process_rig import FakeProcess
 from stage.rig import Pty, wait_for
@@ -205,26 +204,6 @@ def test_link_leaves_though_its_template_hangs(direct: Direct) -> None:
     assert direct.pty.received.count(b'BYE') == 1
 
 
-def test_fork_that_nobody_knows_ends_without_a_word(
-    forks: Template, pty: Pty, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its node has taken another one, and is not gone."""
-    with contextlib.closing(Direct(pty)) as direct:
-        direct.activate()
-        wire = direct.wire()
-        wait_for(lambda: not forks.loads(PROGRAM, TOY, -1), 60.0, 'a template that has loaded')
-        monkeypatch.setattr(direct.link, '_rt_priority', -1)
-        direct.pty.clear()
-        lost = direct.link._new_process(forks)
-        answer = lost.process.answer  # type: ignore[union-attr]
-        pid = int(wait_for(lambda: receive(answer), 20.0, 'a fork') or b'')
-        lost.drop()
-        wait_for(lambda: not is_running(pid), 20.0, 'its end')
-        assert direct.wire() == wire
-        direct.pty.read()
-        assert b'BYE' not in direct.pty.received
-
-
 class Asked:
     """A template that the test answers for."""
 
@@ -310,9 +289,7 @@ def test_fork_of_a_template_that_has_ended_is_none(asked: Asked) -> None:
 
 
 @pytest.mark.parametrize('refused', [1, 2])
-def test_template_says_which_fork_the_system_refuses(
-    monkeypatch: pytest.MonkeyPatch, refused: int
-) -> None:
+def test_template_says_what_fork_is_refused(monkeypatch: pytest.MonkeyPatch, refused: int) -> None:
     """The first is that of the template, the second that of the process between."""
     forks = iter([0, None] if refused == 2 else [None])
     ends: list[int] = []
@@ -360,9 +337,7 @@ def test_system_that_knows_no_pidfd_has_no_template(monkeypatch: pytest.MonkeyPa
     assert made.fork('title', [], []) is None
 
 
-def test_link_that_waits_for_its_template_goes_on_to_publish(
-    pty: Pty, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_link_that_waits_for_a_fork_publishes(pty: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = time.monotonic() + 0.5
     forks = forked.TEMPLATE
     monkeypatch.setattr(Template, 'loads', lambda *_: time.monotonic() < ended)

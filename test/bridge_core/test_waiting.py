@@ -7,7 +7,6 @@ import errno
 import fcntl
 import os
 import subprocess
-import sys
 import threading
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +17,7 @@ from bridge_core import waiting
 from bridge_core.transports import process, wire
 from bridge_core.transports.process import ProcessLink
 from stage.link_rig import FakeOwner
-from stage.rig import ROOT, TIMEOUT_FACTOR
+from stage.rig import ROOT, run_python, TIMEOUT_FACTOR
 from stage.toy_wire import BRIDGE
 from stage.wire_rig import WireBench
 
@@ -58,22 +57,15 @@ print(*(number for number in range(3, 64) if os.path.exists(f'/proc/self/fd/{num
 
 
 @pytest.mark.parametrize(('count', 'left'), [('2', {3, 4}), ('none', set())])
-def test_sockets_of_systemd_stay_open_and_a_count_that_is_none_is_ignored(
+def test_sockets_of_systemd_stay_open_unless_their_count_is_none(
     count: str, left: set[int]
 ) -> None:
     def three_files() -> None:
         for number in (3, 4, 5):
             os.dup2(1, number, inheritable=True)
 
-    command = [sys.executable, '-c', _AS_FROM_SYSTEMD, count]
-    found = subprocess.run(
-        command,
-        cwd=ROOT,
-        check=True,
-        stdout=subprocess.PIPE,
-        close_fds=False,
-        preexec_fn=three_files,
-    )
+    inherits: dict[str, Any] = {'close_fds': False, 'preexec_fn': three_files, 'check': True}
+    found = run_python('-c', _AS_FROM_SYSTEMD, count, stdout=subprocess.PIPE, **inherits)
     assert {int(each) for each in found.stdout.split()} - {0, 1, 2} == left
 
 
@@ -81,9 +73,7 @@ def fails_to_wait(*_: Any) -> list[int]:
     raise OSError(errno.EBADF, 'no wait')
 
 
-def test_wire_whose_wait_fails_each_time_pauses_and_says_stop(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_wire_whose_wait_fails_pauses_and_says_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     bench, pauses = WireBench(monkeypatch), []
 
     def sleep(seconds: float) -> None:
@@ -92,7 +82,6 @@ def test_wire_whose_wait_fails_each_time_pauses_and_says_stop(
 
     bench.expects_fault = True
     bench.run()
-    bench.log()
     monkeypatch.setattr(wire, 'ready', fails_to_wait)
     monkeypatch.setattr(wire, 'time', SimpleNamespace(sleep=sleep))
     bench.wire.run()

@@ -33,9 +33,7 @@ def test_timeout_that_never_or_always_expires_is_refused(timeout: float) -> None
         ([10.0, 11.0], 11.1, False),
     ],
 )
-def test_fresh_up_to_the_deadline_and_not_at_it(
-    fed: Sequence[float | str], now: float, expired: bool
-) -> None:
+def test_fresh_until_its_deadline(fed: Sequence[float | str], now: float, expired: bool) -> None:
     watchdog = Watchdog(0.25)
     for each in fed:
         watchdog.reset() if isinstance(each, str) else watchdog.feed(each)
@@ -91,9 +89,7 @@ def test_freeze_settles_after_a_while(looks: Sequence[float], now: float, settli
 
 
 @pytest.mark.parametrize(('parts', 'exceeds'), [(15, False), (16, True)])
-def test_rate_that_is_half_as_high_again_is_told_for_three_seconds(
-    parts: int, exceeds: bool
-) -> None:
+def test_rate_half_as_high_again_is_told_for_three_seconds(parts: int, exceeds: bool) -> None:
     """Sixteen in less than a second, where ten are due; in just a second they are not too many."""
     watch = RateWatch(10.0)
     for n in range(15):

@@ -31,14 +31,6 @@ def gaps(moments: list[float]) -> list[float]:
     return [round(b - a, 6) for a, b in itertools.pairwise(moments)]
 
 
-def absent(bench: WireBench) -> None:
-    """Have no port there for an activated wire."""
-    fails(bench.port, 'open', 'no such port')
-    bench.activate()
-    bench.step()
-    bench.step()
-
-
 # Opening, losing, opening again.
 
 
@@ -194,9 +186,7 @@ def test_port_whose_open_ends_is_used_at_once(bench: WireBench) -> None:
 
 
 @pytest.mark.parametrize('at_once', [False, True])
-def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(
-    bench: WireBench, at_once: bool
-) -> None:
+def test_port_of_an_earlier_activation_is_closed_at_last(bench: WireBench, at_once: bool) -> None:
     old, new = bench.port, bench.make_port('new port')
     bench.begin_opening()
     bench.port = new
@@ -222,7 +212,6 @@ def test_port_of_an_earlier_activation_is_closed_when_it_opens_at_last(
 
 def test_input_of_a_freeze_is_discarded_without_a_wait_and_is_a_stop(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.port.say(b'old')
     bench.late = 1.0
     bench.step()
@@ -258,7 +247,7 @@ def test_port_whose_driver_may_keep_input_of_a_freeze_is_opened_anew(bench: Wire
 
 
 @pytest.mark.parametrize(('late', 'stops'), [(0.2, False), (0.2001, True), (0.15, False)])
-def test_freeze_counts_from_a_fifth_of_a_second_on(
+def test_freeze_counts_from_a_fifth_of_a_second(
     bench: WireBench, late: float, stops: bool
 ) -> None:
     bench.owner.next = 0.0625  # so that the sum with the time of the freeze has no rounding
@@ -307,7 +296,6 @@ def test_freeze_while_the_port_opens_makes_what_came_old_news(bench: WireBench) 
 
 def test_port_that_is_lost_in_a_freeze_is_lost_in_the_step_after_it(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.port.unplug()
     bench.late = 1.0
     bench.step()
@@ -338,7 +326,6 @@ def test_flood_without_an_end_cannot_keep_the_stop_of_a_freeze_waiting(bench: Wi
 def test_fault_of_a_request_closes_the_port_and_keeps_the_others(bench: WireBench) -> None:
     bench.expects_fault = True
     bench.run()
-    bench.log()
     done: list[float] = []
     bench.do(fault)
     bench.do(done.append)
@@ -397,10 +384,8 @@ def test_refused_request_still_has_the_session_say_what_it_wants(bench: WireBenc
     assert bench.wire.status.is_open
 
 
-def test_request_that_waits_for_the_device_is_refused_while_the_port_is_closed(
-    bench: WireBench,
-) -> None:
-    absent(bench)
+def test_request_that_waits_for_the_device_needs_an_open_port(bench: WireBench) -> None:
+    stays_absent(bench)
     done: list[float] = []
     number = bench.do(done.append, waits=True, key='reset')
     bench.step()
@@ -463,14 +448,9 @@ def device_falls_silent(bench: WireBench) -> None:
     bench.session.verdict = Verdict.stop(link_up=False)
 
 
-def deactivate(bench: WireBench) -> None:
-    bench.deactivate()
-    bench.step()
-
-
 def deactivate_twice(bench: WireBench) -> None:
-    deactivate(bench)
-    deactivate(bench)
+    bench.deactivate()
+    bench.deactivate()
 
 
 @pytest.mark.parametrize(
@@ -479,7 +459,7 @@ def deactivate_twice(bench: WireBench) -> None:
         (nothing, 'something was lost', False),
         (device_falls_silent, 'something was lost', False),
         (WireBench.lose, 'port: unplugged', True),
-        (deactivate, 'the node is not active', True),
+        (WireBench.deactivate, 'the node is not active', True),
         (deactivate_twice, 'the node is not active', True),
     ],
 )
@@ -505,16 +485,13 @@ def test_owner_that_lost_something_gets_a_stop_once_and_what_came_with_it(
 
 def test_frame_of_a_stop_goes_out_before_the_owner_is_told(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.do(lambda now: setattr(bench.session, 'stop', True), stop=True)
     bench.do(lambda now: bench.session.interrupted('why', now), stop=True)
     bench.step()
     assert bench.log() == ['sent stop', 'sent stop', 'stop True']
 
 
-def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again_soon(
-    bench: WireBench,
-) -> None:
+def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again(bench: WireBench) -> None:
     bench.open()
     bench.session.told_sent.clear()
     bench.session.due = 0.0  # at once, as ever while a frame waits
@@ -538,11 +515,8 @@ def test_frames_that_go_out_are_told_and_a_busy_line_is_tried_again_soon(
         (True, ['stop True', 'bad cannot write', 'event closed']),  # its session has told it
     ],
 )
-def test_port_that_is_lost_at_a_write_is_a_stop(
-    bench: WireBench, stops: bool, log: list[str]
-) -> None:
+def test_port_lost_at_a_write_is_a_stop(bench: WireBench, stops: bool, log: list[str]) -> None:
     bench.run()
-    bench.log()
     fails(bench.port, 'send', 'cannot write')
     bench.session.stop = stops
     if stops:
@@ -625,7 +599,6 @@ def test_tap_sees_both_directions_and_what_was_dropped_not(bench: WireBench) -> 
     bench.step()
     bench.hear(b'heard')
     bench.deactivate()
-    bench.step()
     bench.requests.end()
     bench.wire.run()
     chunks: list[Chunk] = []
@@ -728,10 +701,8 @@ FAREWELL = [b'hello', b'bye 1', b'bye 2']
 
 def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.now == then
     assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
     assert [frame for frame, _ in bench.session.told_sent][-2:] == [b'bye 1', b'bye 2']
@@ -744,9 +715,7 @@ def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> 
     assert bench.session.calls.count('closed') == 1
 
 
-def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
-    bench: WireBench,
-) -> None:
+def test_deactivation_waits_for_no_port_of_an_earlier_activation(bench: WireBench) -> None:
     bench.begin_opening()
     bench.step()
     bench.go_on(0.1)
@@ -754,10 +723,8 @@ def test_deactivation_does_not_wait_for_the_port_of_an_earlier_activation(
     then = bench.now
     bench.activate()
     bench.deactivate()
-    bench.step()
     assert bench.now == pytest.approx(then + 0.25)  # for the first of them, and once
     bench.deactivate()
-    bench.step()
     assert bench.ends[1:] == [(2, ''), (3, ''), (4, '')]
 
 
@@ -772,7 +739,6 @@ def test_deactivation_waits_shortly_for_a_port_that_opens_and_shows_that_it_does
     bench.owner.next = next_pace
     bench.owner.paced.clear()
     bench.deactivate()
-    bench.step()
     assert bench.now == pytest.approx(then + 0.25)
     assert bench.ends[-1] == (2, '')
     assert bench.log() == ['bad no farewell: port was still being opened']
@@ -796,7 +762,6 @@ def test_deactivation_is_one_whoever_fails_while_it_waits(bench: WireBench) -> N
     then = bench.now
     bench.owner.on_pace = fail
     bench.deactivate()
-    bench.step()
     assert bench.ends[-1] == (2, '')
     assert 'no farewell: port was still being opened' in bench.log()[-1]
 
@@ -812,7 +777,6 @@ def test_port_that_is_being_opened_has_its_time_for_the_farewell(
     bench.during_wait = lambda: bench.open_ports() if bench.now > then + opens else None
     if deactivated:
         bench.deactivate()
-        bench.step()
     else:
         bench.requests.end()
         bench.wire.run()
@@ -827,13 +791,10 @@ def test_port_that_is_being_opened_has_its_time_for_the_farewell(
     assert bench.port.calls['close'] == 1
 
 
-def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
-    bench: WireBench,
-) -> None:
+def test_deactivation_behind_an_activation_opens_the_port_for_it(bench: WireBench) -> None:
     """The device may be moving: so it is where a wire died that nobody had deactivated."""
     bench.activate()
     bench.deactivate()
-    bench.step()
     assert bench.port.sent == FAREWELL
     assert not bench.port.is_open
     assert bench.ends == [(1, ''), (2, '')]
@@ -847,23 +808,25 @@ def test_deactivation_behind_an_activation_opens_the_port_for_the_farewell(
         (5, 0.005, ['sent bye 1', 'sent bye 2'], []),
         (101, 0.1, ['sent bye 2'], ['bad no farewell: port takes nothing']),
         (10**9, 0.1, [], ['bad no farewell: port takes nothing']),
+        (-1, 0.0, [], ['bad no farewell: unplugged']),  # it is lost
     ],
 )
 def test_farewell_waits_for_a_busy_line_for_a_tenth_of_a_second(
     bench: WireBench, busy: int, seconds: float, sent: list[str], said: list[str]
 ) -> None:
     bench.run()
-    bench.log()
     bench.session.told_sent.clear()
     bench.port.busy = busy
+    if busy < 0:
+        fails(bench.port, 'send', 'unplugged')
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.now - then == pytest.approx(seconds, abs=2e-3)
     assert bench.log() == [*sent, *said, 'stop True', 'event closed']
     assert [f'sent {frame.decode()}' for frame, _ in bench.session.told_sent] == sent
     assert bench.wire.left_safe == (not said)
     assert not bench.port.is_open
+    assert bench.ends[-1] == (2, '')
 
 
 def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
@@ -930,14 +893,11 @@ def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireB
 
 
 @pytest.mark.parametrize('name', ['farewell', 'closed'])
-def test_fault_while_leaving_still_closes_and_never_opens_again(
-    bench: WireBench, name: str
-) -> None:
+def test_fault_while_leaving_closes_and_never_opens_again(bench: WireBench, name: str) -> None:
     bench.expects_fault = True
     bench.run()
     bench.session.faults.add(name)
     bench.deactivate()
-    bench.step()
     assert bench.owner.told[-1] or name == 'closed'  # then these words are the stop
     assert 'bad internal error' in str(bench.owner.log)
     assert not bench.port.is_open
@@ -949,7 +909,6 @@ def test_fault_while_leaving_still_closes_and_never_opens_again(
 def test_new_activation_leaves_the_port_of_the_last_one_with_a_farewell(bench: WireBench) -> None:
     bench.run()
     old, bench.port = bench.port, bench.make_port('new port')
-    bench.log()
     bench.activate()
     bench.step()
     assert not old.is_open
@@ -960,7 +919,7 @@ def test_new_activation_leaves_the_port_of_the_last_one_with_a_farewell(bench: W
 
 
 @pytest.mark.parametrize('up_for', [0.0, 1e6])
-def test_end_of_the_requests_is_the_end_of_the_wire_farewell_included(
+def test_end_of_requests_is_that_of_the_wire_with_farewell(
     bench: WireBench, up_for: float
 ) -> None:
     """However long the computer was up as it began."""
@@ -998,12 +957,9 @@ def test_port_that_opens_just_behind_the_wait_for_it_is_closed(
 
 
 @pytest.mark.parametrize('farewell_fails', [False, True])
-def test_fault_says_farewell_is_a_stop_backs_off_and_ends(
-    bench: WireBench, farewell_fails: bool
-) -> None:
+def test_fault_says_farewell_stops_backs_off_ends(bench: WireBench, farewell_fails: bool) -> None:
     bench.expects_fault = True
     bench.run()
-    bench.log()
     bench.owner.faults.add('pace')
     if farewell_fails:
         bench.session.faults.add('farewell')
@@ -1028,7 +984,7 @@ def test_fault_says_farewell_is_a_stop_backs_off_and_ends(
 
 
 @pytest.mark.parametrize('name', ['opened', 'receive', 'poll', 'deadline', 'on_events'])
-def test_whoever_fails_at_an_open_port_has_it_closed_and_tried_again(
+def test_whoever_fails_at_a_port_has_it_closed_and_tried_again(
     bench: WireBench, name: str
 ) -> None:
     bench.expects_fault = True

@@ -32,7 +32,7 @@ from bridge_core.transports.request import Activate, Call, Deactivate, Request
 from bridge_core.transports.wire_process import ENDING, InForce, KNOWN, Node, receive, TURN
 from bridge_core.waiting import ready
 from stage.link_rig import FakeSession
-from stage.rig import Pty
+from stage.rig import Pty, run_python
 from stage.toy_wire import BRIDGE
 
 # -- how it begins --------------------------------------------------------------------------------
@@ -205,9 +205,7 @@ def start_wire(
         ("open('/none')", 'No such file'),
     ],
 )
-def test_process_that_cannot_load_its_wire_says_why(
-    tmp_path: Path, source: str, reason: str
-) -> None:
+def test_process_that_cannot_load_says_why(tmp_path: Path, source: str, reason: str) -> None:
     """In one line, but for what is a fault of the code."""
     ended = start_wire(tmp_path, source)
     assert ended.returncode == 1
@@ -217,9 +215,7 @@ def test_process_that_cannot_load_its_wire_says_why(
 
 
 @pytest.mark.parametrize('priority', [3, -1, 0])
-def test_wire_loads_without_the_real_time_priority_of_its_node(
-    tmp_path: Path, priority: int
-) -> None:
+def test_wire_loads_without_the_priority_of_its_node(tmp_path: Path, priority: int) -> None:
     """What loads for a quarter of a second, and never yields, would delay the stops of others."""
     program = ['chrt', '--fifo', '3']
     if subprocess.run([*program, 'true'], capture_output=True, check=False).returncode:
@@ -243,9 +239,7 @@ os.sched_setscheduler = give_up
 sys.argv = ['start_wire', '3', '0', 'nothing', '1', '-1', '-1', '-1']
 main()
 """
-    said = subprocess.run(
-        [sys.executable, '-c', source], capture_output=True, text=True, check=True
-    ).stdout
+    said = run_python('-c', source, check=True).stdout
     assert ast.literal_eval(said) == ['bridge_core.descriptors', 'bridge_core.start_wire']
 
 
@@ -283,9 +277,7 @@ def ends() -> Iterator[Ends]:
     ends.node._socket.close()
 
 
-def test_sign_of_life_comes_where_nothing_else_was_said(
-    ends: Ends, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sign_of_life_comes_where_nothing_was(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(clock, 'now', lambda: now)
     ends.node.on_events(['event'], now)

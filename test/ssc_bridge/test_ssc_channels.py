@@ -3,7 +3,6 @@
 
 """What the inputs and outputs of an SSC may be, as docs/devices/ssc.md lists it."""
 
-from collections.abc import Callable
 import math
 from typing import Any
 
@@ -21,30 +20,25 @@ def test_button_counts_the_thresholds_that_the_pulse_is_above() -> None:
     assert [turned.value(us) for us in (1300, 1301, 1700, 1701)] == [2, 1, 1, 0]
 
 
+ORDER = r'button\.x\.thresholds_us = .*each greater'
+
+
 @pytest.mark.parametrize(
-    ('make', 'text'),
+    ('kind', 'given', 'text'),
     [
-        *(
-            (lambda given=given: AxisInput('x', 2, **given), text)
-            for text, given in (
-                ('min_us', {'min_us': 1500}),
-                ('min_us', {'max_us': 1500}),
-                ('min_us', {'min_us': 0}),
-                ('deadband', {'deadband': 1.0}),
-                ('deadband', {'deadband': math.nan}),
-            )
-        ),
-        *((lambda n=number: AxisInput('x', n), r'channel = ') for number in (0, 17)),
-        *((lambda n=number: ButtonInput('x', n), r'button\.x\.channel') for number in (0, 17)),
-        *(
-            (lambda us=us: ButtonInput('x', 1, us), r'button\.x\.thresholds_us = .*each greater')
-            for us in ((), (1700, 1300), (1500, 1500))
-        ),
+        *((AxisInput, {'min_us': us}, 'min_us') for us in (0, 1500)),
+        (AxisInput, {'max_us': 1500}, 'min_us'),
+        *((AxisInput, {'deadband': band}, 'deadband') for band in (1.0, math.nan)),
+        *((AxisInput, {'channel': number}, 'channel = ') for number in (0, 17)),
+        *((ButtonInput, {'channel': number}, r'button\.x\.channel') for number in (0, 17)),
+        *((ButtonInput, {'thresholds_us': us}, ORDER) for us in ((), (1700, 1300), (1500, 1500))),
     ],
 )
-def test_pulse_input_that_cannot_be_is_rejected(make: Callable[[], Any], text: str) -> None:
+def test_pulse_input_that_cannot_be_is_rejected(
+    kind: Any, given: dict[str, Any], text: str
+) -> None:
     with pytest.raises(ValueError, match=text):
-        make()
+        kind(**{'name': 'x', 'channel': 2, **given})
 
 
 @pytest.mark.parametrize(

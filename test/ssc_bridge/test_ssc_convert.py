@@ -100,9 +100,7 @@ SERVO_COMMANDS = [
 
 
 @pytest.mark.parametrize(('message', 'positions'), SERVO_COMMANDS)
-def test_servos_by_name_some_of_them_or_all_in_order(
-    message: Any, positions: dict[str, float]
-) -> None:
+def test_servos_by_name_or_all_in_order(message: Any, positions: dict[str, float]) -> None:
     assert convert.servo_command(message, NAMES) == positions
 
 
@@ -151,7 +149,7 @@ REJECTED = [  # a request, and why it is rejected
 
 
 @pytest.mark.parametrize(('convert_it', 'text'), REJECTED)
-def test_request_that_makes_no_sense_is_rejected_in_few_words(
+def test_request_without_sense_is_told_in_few_words(
     convert_it: Callable[[], Any], text: str
 ) -> None:
     with pytest.raises(ValueError, match=text) as rejection:
@@ -209,22 +207,24 @@ def test_edges_say_what_is_measured(start: bool, stop: bool, name: str, time_bas
 
 
 PERIOD = TimerInput(True, True, 1)
-NO_NUMBER = dict.fromkeys(('period (s)', 'frequency (Hz)', 'speed (rpm)'), 'unknown')
-AUX_VALUES: list[tuple[AuxChannel, str, dict[str, str]]] = [
+NO_NUMBER = 'period (s) = unknown | frequency (Hz) = unknown | speed (rpm) = unknown'
+COUNTED = AuxChannel(PulseAccumulator(True), False, Measurement(7), 19)
+COUNTS = 'pulses since the last message = 7 | pulses in total = 19'
+AUX_VALUES: list[tuple[AuxChannel, str, str]] = [
     # A channel, its function in words, and what else is told of it.
-    (AuxChannel(DigitalInput(), False), 'Dig In', {'level': 'low'}),
-    (AuxChannel(PulseOutput(), False), 'Pulse Out (1us,f,+)', {'level': 'low'}),
-    (AuxChannel(UnknownFunction(0x1F), True), 'unknown (0x001F)', {'level': 'high'}),
+    (AuxChannel(DigitalInput(), False), 'Dig In', 'level = low'),
+    (AuxChannel(PulseOutput(), False), 'Pulse Out (1us,f,+)', 'level = low'),
+    (AuxChannel(UnknownFunction(0x1F), True), 'unknown (0x001F)', 'level = high'),
     (  # the manual's example, 3.2.3.2: 1000 counts of 16 us are 16000 us
         AuxChannel(TimerInput(True, False, 16), True, Measurement(1000)),
         'Timer In (16us,+,-)',
-        {'level': 'high', 'state': 'running', 'high (s)': '0.016000'},
+        'level = high | state = running | high (s) = 0.016000',
     ),
     *(
         (
             AuxChannel(PERIOD, True, Measurement(500, running, over_range)),
             'Timer In (1us,+,+)',
-            {'level': 'high', 'state': state, **NO_NUMBER},
+            f'level = high | state = {state} | {NO_NUMBER}',
         )
         for running, over_range, state in (
             (True, True, 'over-range'),
@@ -232,24 +232,14 @@ AUX_VALUES: list[tuple[AuxChannel, str, dict[str, str]]] = [
             (False, False, 'stopped'),
         )
     ),
-    (
-        AuxChannel(PulseAccumulator(True), False, Measurement(7), 19),
-        'PulAcc In (+)',
-        {
-            'level': 'low',
-            'state': 'counting',
-            'pulses since the last message': '7',
-            'pulses in total': '19',
-        },
-    ),
+    (COUNTED, 'PulAcc In (+)', f'level = low | state = counting | {COUNTS}'),
 ]
 
 
 @pytest.mark.parametrize(('channel', 'function', 'values'), AUX_VALUES)
-def test_auxiliary_channel_in_words(
-    channel: AuxChannel, function: str, values: dict[str, str]
-) -> None:
-    assert convert.aux_values(channel) == {'function': function, **values}
+def test_aux_channel_in_words(channel: AuxChannel, function: str, values: str) -> None:
+    told = dict(each.split(' = ') for each in values.split(' | '))
+    assert convert.aux_values(channel) == {'function': function, **told}
     message = convert.aux_inputs([channel], 'name', 'hardware')
     assert (message.level, message.message) == (DiagnosticStatus.OK, 'ok')
     assert values_of(message)['aux 1 function'] == function

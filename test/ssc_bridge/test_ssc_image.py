@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 
 from hypothesis import given, strategies as st
 import pytest
 
 from ssc_bridge.config.image import compare, Image, ImageError, KNOWN_SIZE, rate_text
-from stage.rig import ROOT
+from stage.ssc_rig import VECTORS
 
-VECTOR = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())['config_image']
-LINES: list[str] = VECTOR['lines']
+LINES: list[str] = VECTORS['config_image']['lines']
 GOLDEN = Image.parse('\n'.join(LINES))
 START = '---------- Start Of Image ----------'
 END = '---------- End Of Image ----------'
@@ -53,7 +51,7 @@ def test_printed_image_checks_once_a_letter_o_is_read_as_0() -> None:
     with pytest.raises(ImageError, match=r"line 4: 'O' is no hex digit"):
         Image.parse('\n'.join(printed))
     assert Image.parse('\n'.join(printed).replace('O', '0')) == GOLDEN
-    assert len(GOLDEN.data) == VECTOR['bytes'] == KNOWN_SIZE
+    assert len(GOLDEN.data) == VECTORS['config_image']['bytes'] == KNOWN_SIZE
     assert GOLDEN.data[-2:] == bytes.fromhex('C87C') == plain_sums(GOLDEN.data[:-2])
 
 
@@ -200,9 +198,7 @@ def test_image_of_another_size_is_told_byte_by_byte() -> None:
         ({212: 9}, 'rate of message 10 is unknown code 9: the manual has no such thing'),
     ],
 )
-def test_value_that_the_manual_does_not_allow_is_a_warning(
-    changes: dict[int, int], warning: str
-) -> None:
+def test_value_beyond_the_manual_is_a_warning(changes: dict[int, int], warning: str) -> None:
     assert with_bytes(changes).warnings == (warning,)
 
 

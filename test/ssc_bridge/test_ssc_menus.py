@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-import json
 from typing import Any
 
 from hypothesis import given, settings, strategies as st
@@ -19,20 +18,13 @@ import pytest
 
 from ssc_bridge.config.image import Image
 from ssc_bridge.config.menus import Dialogue, readable, Screen, screen_of, Script
-from ssc_bridge.config.scripts import (
-    ENTRY,
-    ENTRY_TRIES,
-    Maintenance,
-    POWER_CYCLE,
-    Standing,
-)
+from ssc_bridge.config.scripts import ENTRY, ENTRY_TRIES, Maintenance, POWER_CYCLE, Standing
 from ssc_bridge.simulator import Settings, Simulator, sums
 from ssc_bridge.simulator.menus import Terminal
-from stage.rig import ROOT
+from stage.ssc_rig import VECTORS
 
 pytestmark = pytest.mark.computes
-VECTOR = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())['config_image']
-GOLDEN = Image.parse('\n'.join(VECTOR['lines']))
+GOLDEN = Image.parse('\n'.join(VECTORS['config_image']['lines']))
 OTHERS = Settings(config_id=42)  # a unit without a valid configuration has other ones
 STEP = 0.005  # seconds; an answer takes as long
 LONGEST = 200.0

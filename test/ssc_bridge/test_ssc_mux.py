@@ -94,22 +94,8 @@ def test_stop_that_came_and_went_unheard_brings_the_failsafe() -> None:
     assert 0 in [pulses[0] for pulses in rig.pulses()[-30:]]
 
 
-def test_plain_clear_releases_nothing_and_lost_plain_messages_stop_nothing() -> None:
-    rig = driven()
-    rig.mux.estop = True
-    rig.run(0.2)
-    rig.estop = False
-    rig.run(1.0)
-    assert rig.pan == 0
-    rig.mux.estop, rig.estop = False, None
-    rig.run(1.0)
-    assert rig.pan == 1750
-
-
 @pytest.mark.parametrize(('delay', 'is_warned'), [(0.0, False), (0.15, True)])
-def test_half_of_the_limit_is_a_warning_and_figures_are_told(
-    delay: float, is_warned: bool
-) -> None:
+def test_half_of_the_limit_is_a_warning_with_figures(delay: float, is_warned: bool) -> None:
     rig = driven()
     rig.mux.delay = delay
     rig.run(0.5)
@@ -134,7 +120,7 @@ def aged_until_a_young_proof_came(rig: MuxRig) -> None:
 
 
 @pytest.mark.parametrize('grows_old', [aged, aged_until_a_young_proof_came])
-def test_words_that_grow_old_bring_the_failsafe_though_nothing_else_comes(
+def test_words_that_grow_old_bring_the_failsafe_by_themselves(
     grows_old: Callable[[MuxRig], None],
 ) -> None:
     rig = driven(command_timeout=2.0, link_timeout=2.0)

@@ -85,7 +85,7 @@ LOSSES = [  # what happens, what the diagnostic says, the command state, and whe
 
 
 @pytest.mark.parametrize(('line', 'words', 'state', 'stop'), LOSSES)
-def test_lost_control_neutralises_joy(
+def test_lost_control_is_no_joy(
     bench: Bench, line: str, words: str, state: str, stop: bool
 ) -> None:
     for each in ('channel 3 2000', 'channel 4 1900'):
@@ -120,9 +120,7 @@ def test_auxiliary_inputs_in_si_units(bench: Bench) -> None:
     bench.wait(lambda: bench.aux.messages, 'any auxiliary inputs')
     bench.port.apply('signal 2 12000 4000')
     bench.port.apply('pulses 3 42')
-    bench.wait(
-        lambda: values_of(bench.aux.last).get('aux 3 pulses in total') == '42', 'the pulses'
-    )
+    bench.wait(lambda: values_of(bench.aux.last).get('aux 3 pulses in total') == '42', 'pulses')
     bench.wait(lambda: values_of(bench.aux.last)['aux 2 frequency (Hz)'] == '62.500', 'the timer')
     values = values_of(bench.aux.last)
     assert values['aux 2 period (s)'] == '0.016000'
@@ -156,9 +154,7 @@ def test_request_of_any_size_is_refused_and_keeps_its_wire(bench: Bench, servo: 
     assert bench.value('wire restarts', LINK) == '0'
 
 
-def test_estop_in_brings_the_failsafe_and_what_was_asked_is_forgotten(
-    bench: Bench, servo: Talker
-) -> None:
+def test_estop_in_brings_the_failsafe_and_forgets_commands(bench: Bench, servo: Talker) -> None:
     bench.estop_in.message = Bool(data=True)
     bench.estop_in.say()
     bench.wait(lambda: bench.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')

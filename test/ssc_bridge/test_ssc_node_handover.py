@@ -78,7 +78,7 @@ def test_last_words_of_another_port_are_not_taken_for_those_of_this_one(node: Ss
     assert node.carried_over(node.values)[OUTPUTS_SENT] == SENT
 
 
-def test_what_was_sent_to_another_port_is_not_undone_on_this_one(
+def test_what_another_port_was_sent_is_not_undone(
     node: SscBridge, asked: list[tuple[Any, ...]]
 ) -> None:
     node.on_events([read()], 0.0)

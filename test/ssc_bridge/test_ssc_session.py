@@ -127,9 +127,7 @@ def test_silence_is_noticed_at_the_promised_deadline(
 @pytest.mark.parametrize('state', STATES)
 @pytest.mark.parametrize('stops', [{'no signal'}, {'1 ms'}, {'no signal', '2 ms'}, set()])
 @pytest.mark.parametrize('lost_link', [False, True])
-def test_command_state_is_a_stop_exactly_if_configured(
-    state: str, stops: set[str], lost_link: bool
-) -> None:
+def test_command_state_is_a_stop_if_set_so(state: str, stops: set[str], lost_link: bool) -> None:
     chosen = frozenset(member for member in CommandState if member.text in stops)
     rig = Rig(estop_states=chosen, lost_link_is_stop=lost_link).play(f'state {state}; 15')
     is_stop = state in stops or (lost_link and state == '1.5 ms')
@@ -269,7 +267,7 @@ POLLS = [  # what happens, and how often messages are asked for after the mark: 
 
 
 @pytest.mark.parametrize(('script', 'counts'), POLLS)
-def test_only_what_does_not_come_by_itself_is_asked_for(
+def test_what_comes_by_itself_is_not_asked_for(
     script: str, counts: dict[int, tuple[int, int]]
 ) -> None:
     rig = Rig().play(script)
@@ -355,9 +353,7 @@ def test_button_that_was_held_while_it_did_not_count_is_not_pressed_anew(
 @pytest.mark.parametrize(
     ('channel', 'faulty'), [(8, ()), (9, ('x absent (there is no pulse input 9)',))]
 )
-def test_axis_on_an_input_that_is_not_there_is_faulty(
-    channel: int, faulty: tuple[str, ...]
-) -> None:
+def test_axis_on_an_absent_input_is_faulty(channel: int, faulty: tuple[str, ...]) -> None:
     assert last_sticks(Rig(axes=(AxisInput('x', channel),)).start()).faulty == faulty
 
 
@@ -471,10 +467,7 @@ def test_figures_of_a_link_on_which_nothing_was_heard_or_commanded() -> None:
         ({}, ''),
         ({'message_rates': (50.0,) * 5}, ''),  # all that the menu of 3.4 allows
         # 100 Hz of 8 + 22 + 38 + 22 + 8 bytes of 10 bits.
-        (
-            {'poll_rates': (100.0,) * 5, 'baud': 97_999},
-            'from the SSC need 98000 bit/s, the line has 97999',
-        ),
+        ({'poll_rates': (100.0,) * 5, 'baud': 97_999}, 'need 98000 bit/s, the line has 97999'),
         ({'poll_rates': (100.0,) * 5, 'baud': 98_000}, ''),
         ({'baud': 30_000}, ''),
         ({'message_rates': (50.0,) * 5, 'baud': 30_000}, 'from'),
@@ -488,7 +481,7 @@ def test_figures_of_a_link_on_which_nothing_was_heard_or_commanded() -> None:
         ),
     ],
 )
-def test_setup_that_does_not_fit_the_device_or_the_line_is_a_warning(
+def test_setup_that_does_not_fit_its_device_is_a_warning(
     changes: dict[str, Any], text: str
 ) -> None:
     found = warnings(Rig(**changes).start().session)

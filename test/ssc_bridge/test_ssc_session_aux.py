@@ -144,9 +144,7 @@ REJECTED = [
 
 
 @pytest.mark.parametrize(('request_', 'text'), REJECTED)
-def test_request_that_cannot_be_is_rejected_and_none_of_it_is_set(
-    request_: str, text: str
-) -> None:
+def test_request_that_cannot_be_is_rejected_and_not_set(request_: str, text: str) -> None:
     rig = aux_rig()
     with pytest.raises(ValueError, match=text):
         rig.play(f'aux 4L1 {request_}' if '4L1' not in request_ else f'aux {request_}')
@@ -159,18 +157,12 @@ IN_VAIN = [  # settings, what happens, and why the request after it is rejected
     ({}, '15; estop; 1', 'stopped: e-stop input is true'),
     ({'link_timeout': 0.5}, '15; late 0.3', 'stopped: e-stop input is stale'),
     # A message sets all digital outputs: one that an earlier process has set would go out.
-    (
-        {'keep_aux_outputs': True},
-        'mute 14; 15',
-        r'set aux 3 as well: .* has not reported its pins',
-    ),
+    ({'keep_aux_outputs': True}, 'mute 14; 15', 'has not reported its pins'),
 ]
 
 
 @pytest.mark.parametrize(('changes', 'script', 'text'), IN_VAIN)
-def test_request_that_cannot_be_now_is_rejected(
-    changes: dict[str, Any], script: str, text: str
-) -> None:
+def test_impossible_request_is_rejected(changes: dict[str, Any], script: str, text: str) -> None:
     rig = new_rig(**changes).play(script)
     with pytest.raises(ValueError, match=text):
         rig.play('aux 4L1')
@@ -240,7 +232,7 @@ UNDONE = [  # settings, what happens after the start, and all that is sent after
 
 
 @pytest.mark.parametrize(('changes', 'script', 'messages'), UNDONE)
-def test_stop_undoes_what_was_set(
+def test_stop_undoes_what_is_set(
     changes: dict[str, Any], script: str, messages: list[str]
 ) -> None:
     rig = aux_rig(**changes).play(script)
@@ -334,10 +326,7 @@ def test_what_is_not_undone_yet_never_reaches_another_configuration(script: str)
 
 @pytest.mark.parametrize(
     ('before', 'functions', 'after', 'undoing'),
-    [
-        ('aux 5P0.001', DIGITAL, 'aux 4L1', '8000'),
-        ('aux 4L1', PULSING, 'aux 6P0.001', '00200000'),
-    ],
+    [('aux 5P0.001', DIGITAL, 'aux 4L1', '8000'), ('aux 4L1', PULSING, 'aux 6P0.001', '00200000')],
     ids=['pulses', 'levels'],
 )
 def test_what_was_undone_of_one_configuration_is_not_undone_of_the_next(

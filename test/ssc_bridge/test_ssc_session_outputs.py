@@ -62,9 +62,7 @@ COMMANDS = [  # servos, what is commanded, and the first outputs in the last mes
 
 
 @pytest.mark.parametrize(('servos', 'script', 'us'), COMMANDS)
-def test_commands_become_pulses(
-    servos: tuple[Servo, ...], script: str, us: tuple[int, ...]
-) -> None:
+def test_commands_are_pulses(servos: tuple[Servo, ...], script: str, us: tuple[int, ...]) -> None:
     assert Rig(servos=servos).start().play(script).pulses()[-1][: len(us)] == us
 
 
@@ -212,9 +210,7 @@ def strange(rig: Rig) -> None:
 
 @pytest.mark.parametrize('stop', [lambda rig: rig.play('estop!'), strange])
 @pytest.mark.parametrize('busy', [False, True])
-def test_stop_goes_out_at_once_not_at_the_next_slot(
-    stop: Callable[[Rig], Any], busy: bool
-) -> None:
+def test_stop_goes_out_at_once_not_in_a_slot(stop: Callable[[Rig], Any], busy: bool) -> None:
     """Nor does it wait for the pulse of an output that is to be held, and is not known."""
     rig = servo_rig(command_rate=1.0).play('250 pan=0.5')
     assert rig.pulses()[-1][0] == 1750
@@ -354,7 +350,7 @@ FAREWELLS = [  # servos, what happens, and the first outputs in each message of 
 
 
 @pytest.mark.parametrize(('servos', 'script', 'us'), FAREWELLS)
-def test_farewell_brings_every_output_to_its_failsafe(
+def test_farewell_is_each_outputs_failsafe(
     servos: tuple[Servo, ...], script: str, us: Any
 ) -> None:
     rig = Rig(servos=servos).play(script)

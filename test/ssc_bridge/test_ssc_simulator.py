@@ -5,16 +5,14 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from typing import Any
 
 import pytest
 
 from ssc_bridge.simulator import BOOT_TIME, build_frame, Settings, Simulator, sums
-from stage.rig import ROOT
+from stage.ssc_rig import VECTORS
 
-VECTORS = json.loads((ROOT / 'test' / 'vectors' / 'ssc.json').read_text())
 GOLDEN = bytes.fromhex(''.join(VECTORS['config_image']['lines']))
 STATUS, SOURCE, OUTPUTS, INPUTS, AUX, CONFIG, COMMAND, SET_AUX, LOCKOUT = (
     *range(10, 16),
