@@ -230,7 +230,6 @@ def test_input_of_a_freeze_is_discarded_without_a_wait_and_is_a_stop(bench: Wire
 
 def test_port_whose_driver_may_keep_input_of_a_freeze_is_opened_anew(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.port.is_pumped = True
     bench.port.say(b'old')
     bench.late = 1.0
@@ -833,12 +832,10 @@ def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
     bench: WireBench,
 ) -> None:
     bench.run()
-    bench.log()
     bench.owner.paced.clear()
     bench.session.leaves = math.inf
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.now - then == pytest.approx(0.25)
     assert bench.log()[:2] == ['sent bye 1', 'sent bye 2']
     assert max(gaps(bench.owner.paced)) == pytest.approx(PACE)
@@ -852,12 +849,10 @@ def test_turn_of_a_farewell_comes_with_what_is_heard(bench: WireBench) -> None:
         bench.during_wait = lambda: None
 
     bench.run()
-    bench.log()
     bench.session.leaves = math.inf
     bench.during_wait = lambda: hear() if bench.now > then + 0.1 else None
     then = bench.now
     bench.deactivate()
-    bench.step()
     assert bench.log()[:3] == ['event heard', 'sent bye 1', 'sent bye 2']
     assert bench.now - then == pytest.approx(0.13)
 
@@ -867,7 +862,6 @@ def test_farewell_is_said_whatever_fails_while_it_waits_for_its_turn(
     bench: WireBench, unplugged: bool
 ) -> None:
     bench.run()
-    bench.log()
     bench.session.leaves = math.inf
     if unplugged:
         bench.port.unplug()
@@ -875,17 +869,14 @@ def test_farewell_is_said_whatever_fails_while_it_waits_for_its_turn(
         bench.port.say(b'answer')
         bench.session.faults.add('receive')
     bench.deactivate()
-    bench.step()
     assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
 
 
 def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:
     bench.run()
-    bench.log()
     bench.session.told_sent.clear()
     fails(bench.port, 'send', 'unplugged')
     bench.deactivate()
-    bench.step()
     assert bench.log() == ['bad no farewell: unplugged', 'stop True', 'event closed']
     assert bench.session.told_sent == []
     assert not bench.port.is_open
