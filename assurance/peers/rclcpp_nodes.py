@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Have nodes of rclcpp meet the mux and simulated devices: twist_mux, diagnostic_aggregator and more.
+Have twist_mux, diagnostic_aggregator and Nav2's lifecycle manager meet simulated devices and mux.
 
 In a workspace with some of them: ``. install/setup.bash``, then
 ``python -m assurance.peers.rclcpp_nodes`` in this repository, with the names of ``PEERS`` that are
@@ -20,35 +20,22 @@ from signal import SIGINT, SIGKILL
 import subprocess
 import sys
 import tempfile
-import time
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 import yaml
 
-from rugged_teleop.recordings import read, Said
 from stage.devices import DRIVE, MUX, UNHURRIED, VSC
 from stage.mux_talkers import sticks
 from stage.recipes import bench, file_of, twist, twist_mux_is_locked
-from stage.rig import latched, NodeProcess, Observer, ROOT
+from stage.rig import NodeProcess, Observer, ROOT
 from stage.spine import Spine
 from stage.talkers import Talker
 
-PROVEN: dict[str, dict[str, Any]] = {  # as in config/spine.yaml
-    VSC: UNHURRIED[VSC],
-    MUX: UNHURRIED[MUX]
-    | dict.fromkeys(
-        ('estop.fort.proof', 'estop.drive.proof', 'operator.fort.proof', 'drive_enabled_proof'),
-        'required',
-    ),
-    DRIVE: UNHURRIED[DRIVE] | {'proof': 'required'},
-}
 ERROR, STALE = 2, 3  # of a DiagnosticStatus
-RECORDING = ROOT / 'test' / 'recordings' / 'lost_remote.mcap'
 
 
 class PatientSpine(Spine):
@@ -214,44 +201,11 @@ def lifecycle_manager(observer: Observer) -> Iterator[str]:
         machine.restart_and_meet(DRIVE)
         is_active = observer.call(Trigger, f'{manager}/is_active').success
         yield f'SIGKILL of a node that is started again: {states()}; the manager: {is_active=}'
-        for command in ('STARTUP', 'RESET', 'RESUME'):
-            yield f'{command}: {ask(command)}, {states()}'
-
-
-def rosbag2(observer: Observer) -> Iterator[str]:
-    """Record a motion, read it, and play it to the machine that it was recorded from."""
-    with tempfile.TemporaryDirectory() as folder, spine(observer, PROVEN) as machine:
-        bag = Path(folder) / 'bag'
-        options = {'record.all_topics': 'true', 'storage.uri': bag, 'storage.storage_id': 'mcap'}
-        words = [word for key, value in options.items() for word in ('-p', f'{key}:={value}')]
-        with running('rosbag2_transport', 'recorder', *words) as recorder:
-            machine.rest()
-            machine.moving()
-            observer.spin(2.0)
-            machine.vsc.apply('estop remote on')
-            machine.wait(lambda: machine.mux_says('STOPPED'), 'STOPPED')
-            recorder.send_signal(SIGINT)
-            recorder.wait(30.0)
-        (file,) = bag.glob('*.mcap')
-        with file.open('rb') as opened:
-            said = [each for each in read(opened) if isinstance(each, Said)]
-        read_ones = sum(each.message is not None for each in said)
-        topics = {each.topic for each in said}
-        yield f'recorded {len(said)} messages of {len(topics)} topics, {read_ones} can be read'
-        machine.let_go()
-        machine.release()
-        machine.ready()
-        start = time.monotonic()
-        with running('rosbag2_transport', 'player', '-p', f'storage.uri:={bag}') as player:
-            machine.wait(lambda: player.poll() is not None, 'the end of the bag', 60.0)
-        enabled = [packet for packet in machine.drive.packets(start) if packet.enables]
-        yield f'played to the machine: {len(enabled)} packets enable the drive; {machine.message}'
-        assert not enabled
-    state = observer.record(String, '/safety_mux/state', latched())
-    with running('rosbag2_transport', 'player', '-p', f'storage.uri:={RECORDING}') as player:
-        observer.wait_for(lambda: player.poll() is not None, 60.0, 'the end of the recording')
-    yield f'played {RECORDING.name}: {sorted({message.data for message in state.messages})}'
-    assert state.messages
+        yield f'STARTUP: {ask("STARTUP")}, {states()}'
+        for transition in ('configure', 'activate'):
+            assert observer.change_state(f'/{DRIVE}', transition)
+        machine.moving()
+        yield f'configured and activated by hand, then a reset: motion, {states()}'
 
 
 PEERS = {
@@ -259,7 +213,6 @@ PEERS = {
     'nav2_in': ('twist_mux', nav2_in),
     'aggregator': ('diagnostic_aggregator', aggregator),
     'lifecycle_manager': ('nav2_lifecycle_manager', lifecycle_manager),
-    'rosbag2': ('rosbag2_transport', rosbag2),
 }
 
 
