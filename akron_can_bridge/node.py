@@ -203,7 +203,9 @@ class AkronCanBridge(BridgeNode[Event]):
         self.request(Session.set_estop, message.data, stop=message.data)
 
     def _on_soe_directions(self, message: Any) -> None:
-        self._limited = True
+        if not self._limited:  # however late it comes: what it says may be refused as old
+            self._limited = True
+            self.request(Session.limit_directions, stop=True)
         self.request(Session.set_directions, message.data, key='soe_directions')
 
 

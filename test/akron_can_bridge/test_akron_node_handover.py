@@ -65,7 +65,7 @@ STEPS: dict[str, Callable[[AkronCanBridge], None]] = {
     'activates': activate,
     'limits': lambda node: node._on_soe_directions(UInt8(data=1)),
 }
-LIMITED = (Session.set_directions, 1)
+LIMIT, LIMITED = (Session.limit_directions,), (Session.set_directions, 1)
 NOBODY = (Session.take_over, None, False)
 FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, False)
 
@@ -83,10 +83,8 @@ FOLLOW, AGAIN = (Session.take_over, KNOWN, True), (Session.take_over, KNOWN, Fal
         ('tells, dies, activates, asks', [AGAIN]),  # by then there may be another unit
         ('tells, activates, dies, asks', [AGAIN]),  # a wire that told nothing
         ('tells, activates, dies, asks, tells, dies, asks', [AGAIN, FOLLOW]),
-        (
-            'limits, asks',
-            [LIMITED, (Session.limit_directions,), NOBODY],
-        ),
+        ('limits, limits', [LIMIT, LIMITED, LIMITED]),
+        ('limits, asks', [LIMIT, LIMITED, LIMIT, NOBODY]),
     ],
 )
 def test_session_that_asks_is_told_what_those_before_had_to_tell(
@@ -96,3 +94,14 @@ def test_session_that_asks_is_told_what_those_before_had_to_tell(
         STEPS[step](node)
     node.pace(101.0)
     assert asked == expected
+
+
+def test_first_limit_of_directions_counts_even_where_what_it_says_is_refused(
+    node: AkronCanBridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a freeze: until then all directions are permitted, as nobody ever said."""
+    asked: list[str] = []
+    monkeypatch.setattr(node._inputs, 'settling', lambda now: True)
+    monkeypatch.setattr(node.link, 'request', lambda call, **options: asked.append(call.name))
+    node._on_soe_directions(UInt8(data=1))
+    assert asked == ['limit_directions']
