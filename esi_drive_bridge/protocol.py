@@ -55,7 +55,6 @@ _STATUS_AXIS = struct.Struct(
     'B'  # MotorError
 )
 _CHECK = struct.Struct('<H')
-_check_at = _CHECK.unpack_from
 assert (_COMMAND_AXIS.size, _STATUS_AXIS.size, _CHECK.size) == (3, 4, CHECK_SIZE)
 
 _COMMAND_ENABLE = 0x01
