@@ -377,6 +377,7 @@ MESSAGES = (
             ('_on_estop_in', Bool, ()),
             ('_on_soe_directions', UInt8, ()),
         ),
+        _limited=False,
     ),
     CallbackTarget(
         'ssc',
