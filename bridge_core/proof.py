@@ -231,7 +231,6 @@ class Reader:
     def __init__(self, identity: int, silence: float) -> None:
         self.as_of = -math.inf  # what was heard is no older (s); -inf: nobody knows
         self.writer: int | None = None
-        self.second: int | None = None  # another writer, heard beside it
         self.damaged = 0  # messages that are no proof
         self.repeated = 0  # proofs that are no newer than one before
         self.unasked = 0  # answers to what was not asked
@@ -268,7 +267,7 @@ class Reader:
             return None
         if proof.writer != self.writer:
             if self.writer is not None and now - self._heard_at < self._silence:
-                self.second, self._second_at = proof.writer, now
+                self._second_at = now
                 return Heard(True, True, True, True, False, 0, self.as_of)
             begins = self.writer is not None  # who was restarted had stopped meanwhile
             self.writer, self.as_of = proof.writer, -math.inf

@@ -170,7 +170,11 @@ class Input:
 
 
 class SourceInput(Input):
-    """An e-stop source: its stop, and the part of it that it demands by itself."""
+    """
+    An e-stop source: its stop, and the part of it that it demands by itself.
+
+    A proof ends a plain stop only if it was asked for after that; one before knows nothing of it.
+    """
 
     KIND = 'source'
     WAS_STALE = 'was_stale'
@@ -188,12 +192,14 @@ class SourceInput(Input):
         self.own = True
         self.own_watchdog = Watchdog(config.timeout)
         self.own_lapse = False
+        self._stopped_at = self._own_stopped_at = -math.inf  # by the newest plain message
 
     def estop(self, value: bool, now: float) -> None:
         """Record the source's e-stop. Where it proves ages, a message alone releases nothing."""
         self.well_formed(now)
         self.value = value or (self.value and self.age is not None)
         if value:
+            self._stopped_at = now
             self.lapse = self._coded('stop', f'{self.label} demanded a stop', self.device_words)
         if not self.config.own_topic:
             self.own_estop(value, now)
@@ -201,6 +207,8 @@ class SourceInput(Input):
     def own_estop(self, value: bool, now: float) -> None:
         """Record what the source demands by itself, without the echo of our own stop."""
         self.own_watchdog.feed(now)
+        if value:
+            self._own_stopped_at = now
         self.own = value or (self.own and self.age is not None)
         self.own_lapse |= value
 
@@ -208,16 +216,15 @@ class SourceInput(Input):
         """Record a proof: what holds as of a moment, and whether a stop came and went before."""
         self.prove(heard.as_of, now)
         self.well_formed(now)
-        self.value = heard.estop
+        self.value = heard.estop or (self.value and heard.as_of < self._stopped_at)
         if heard.stopped:
             self.lapse = self._coded('stop', f'{self.label} demanded a stop', self.device_words)
         self.own_watchdog.feed(now)
+        own, own_stopped = heard.estop, heard.stopped
         if self.config.own_topic:
-            self.own = heard.own_estop
-            self.own_lapse |= heard.own_stopped
-        else:
-            self.own = heard.estop
-            self.own_lapse |= heard.stopped
+            own, own_stopped = heard.own_estop, heard.own_stopped
+        self.own = own or (self.own and heard.as_of < self._own_stopped_at)
+        self.own_lapse |= own_stopped
 
     @property
     def use(self) -> str:

@@ -82,7 +82,7 @@ APART = (
     'memory', 'naming', 'of_arbiter', 'live', 'now', 'words', 'config', 'settings', 'counters',
     '_format', 'last_stop', '_reported_at', '_sent_at', '_gap_at', '_gap',
     '_saturated', 'refused_commands', 'saturations', '_own_gap', '_garbage_since', '_transition',
-    '_offered', '_astray_since', 'span', 'damaged', 'repeated', 'unasked', 'second', 'hold',
+    '_offered', '_astray_since', 'span', 'damaged', 'repeated', 'unasked', 'hold',
     '_worst_before', '_pacer', '_vouched', '_command_age', '_heard_at', '_second_at', '_worst',
 )  # fmt: skip
 UNNAMED = ('_quiet_until', '_stepped_at', 'status', '_status')

@@ -156,7 +156,7 @@ class World(Remembered):
         never = ('_stopped_at', '_disabled_at', '_old_at')
         old = {'': SILENCE, 'at': (LATE + 1) * STEP, '_old_at': 0.0}
         apart = (
-            *('memory', 'words', 'says', 'counters', 'damaged', 'repeated', 'unasked', 'second'),
+            *('memory', 'words', 'says', 'counters', 'damaged', 'repeated', 'unasked'),
             *('last_stop', '_worst', '_worst_before', '_worst_since', '_pacer', '_interrupted_at'),
             *('_heard_at', '_second_at', 'hold'),
         )

@@ -54,7 +54,7 @@ class MuxWorld(World):
         old |= {'as_of': 4 * STEP, 'there': 4 * STEP, 'back': 4 * STEP}
         old |= {'_old_at': HOLD, 'old_at': HOLD}
         old |= {'_stopped_at': 4 * STEP, '_disabled_at': 4 * STEP, 'began_at': 4 * STEP}
-        apart = ['events', 'memory', 'now', 'damaged', 'repeated', 'unasked', 'second']
+        apart = ['events', 'memory', 'now', 'damaged', 'repeated', 'unasked']
         apart += ['_pacer', '_worst', '_vouched', '_command_age', 'hold']
         never = ('_second_at', '_stopped_at', '_disabled_at', '_old_at', 'old_at')
         self.memory = Memory(self, old, apart, never=never)

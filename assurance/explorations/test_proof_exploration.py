@@ -63,7 +63,7 @@ class World(Remembered):
         self.say(True)
         old = {'': SILENCE + STEP, '_second_at': TOGETHER_TIME, '_asked': 4 * STEP}
         old |= {'as_of': 4 * STEP, 'there': 4 * STEP, 'back': 4 * STEP}
-        apart = ('events', 'memory', 'now', 'damaged', 'repeated', 'unasked', 'second')
+        apart = ('events', 'memory', 'now', 'damaged', 'repeated', 'unasked')
         self.memory = Memory(self, old, apart, never=('_second_at',))
 
     def give(self, memory: Any) -> None:

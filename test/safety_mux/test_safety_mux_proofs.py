@@ -315,6 +315,21 @@ def test_words_that_were_old_between_two_ticks_are_a_stop_though_they_are_young_
     assert 'was old: what it says is up to 375 ms old' in (source.stop_reason(1.375) or '')
 
 
+@pytest.mark.parametrize('own_topic', [False, True])
+def test_proof_that_was_asked_for_before_a_plain_stop_does_not_end_it(own_topic: bool) -> None:
+    source = SourceInput(EStopSource('fort', own_topic=own_topic))
+    source.proof(proven(False, 1.0), 1.0)
+    source.own_estop(True, 1.0625)
+    source.estop(True, 1.0625)
+    source.ticked()
+    source.proof(proven(False, 1.03125), 1.125)
+    assert source.stop_reason(1.125) is not None
+    assert source.demands_itself(1.125)
+    source.proof(proven(False, 1.0625), 1.125)
+    assert source.stop_reason(1.125) is None
+    assert not source.demands_itself(1.125)
+
+
 @pytest.mark.parametrize('proof', ['required', 'auto'])
 def test_rest_on_words_that_nobody_proved_gives_no_control(proof: Any) -> None:
     operator = OperatorInput(Operator('fort', 10, proof=proof), neutral_time=0.25)
