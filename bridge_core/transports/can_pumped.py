@@ -62,13 +62,14 @@ class PumpedPort:
             if options.get('interface') in _SERIAL:
                 tty = _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
-            if tty is not None:
-                try:
+            with contextlib.ExitStack() as undo:
+                undo.callback(self._bus.shutdown)
+                if tty is not None:
                     exclusive.take(tty)
-                except OSError:
-                    self._bus.shutdown()
-                    raise
-                held.callback(exclusive.give_back, tty)  # ours alone, not that of who refused us
+                    held.callback(exclusive.give_back, tty)  # ours, not that of who refused us
+                if hasattr(self._bus, 'flush'):  # slcan, which takes 2 s to open
+                    self._bus.flush()
+                undo.pop_all()
             self._held = held.pop_all()  # for as long as the writer thread lives
         self._channel = options.get('channel', '')
         self._filters = filters  # python-can's own would drop error frames

@@ -9,9 +9,11 @@ from collections.abc import Callable, Iterator
 import select
 import socket
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import can
+from can.interfaces import slcan
 from can.interfaces.udp_multicast.utils import pack_message
 import pytest
 
@@ -236,6 +238,25 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     pty.unplug()
     with pytest.raises(TransportError, match=r'slcan .*device'):
         wait_frames(transport, 1)
+    transport.close()
+
+
+def test_what_a_serial_adapter_says_while_it_opens_is_forgotten(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes on where one was killed that had it open, and to open it takes 2 s."""
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        pty.write(b'T18FEF53320102\r')
+
+    monkeypatch.setattr(slcan, 'time', SimpleNamespace(sleep=sleep, time=time.time))
+    transport = CanTransport('slcan', str(pty.path), bitrate=250_000)
+    transport.open()
+    assert slept == [2.0]
+    pty.write(b'T18FEF53320304\r')
+    assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x03\x04')]
     transport.close()
 
 
