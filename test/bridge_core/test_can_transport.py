@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import contextlib
+import os
 import select
 import socket
 import time
@@ -257,6 +259,28 @@ def test_what_a_serial_adapter_says_while_it_opens_is_forgotten(
     assert slept == [2.0]
     pty.write(b'T18FEF53320304\r')
     assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x03\x04')]
+    transport.close()
+
+
+def test_adapter_that_says_more_than_can_be_read_is_a_lost_bus(pty: Pty) -> None:
+    """What waits in the kernel grows old there, and what finds no room may have said stop."""
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    frame = b'T18FEF53320102\r'
+    unsent = b''
+
+    def is_lost() -> bool:
+        nonlocal unsent
+        unsent = unsent or 100 * frame
+        with contextlib.suppress(BlockingIOError):
+            unsent = unsent[os.write(pty.master, unsent) :]
+        try:
+            transport.receive()
+        except TransportError as error:
+            return 'frames were lost, and may have said stop' in str(error)
+        return False
+
+    wait_for(is_lost, 20.0, 'a lost bus', idle=lambda _: None)
     transport.close()
 
 
