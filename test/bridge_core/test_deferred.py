@@ -15,14 +15,14 @@ def test_event_that_cannot_be_published_lets_none_overtake_those_behind_it() -> 
 
     def tell(event: str) -> None:
         if event == 'bad':
-            raise ValueError
+            raise ValueError('a fault')
         told.append(event)
 
     deferred = Deferred(tell, None)
     deferred.hold(1.0)
     for event in ('first', 'bad', 'second'):
         deferred.tell(event)
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match='a fault'):
         deferred.flush()
     deferred.tell('third')
     deferred.log_late(1.05)  # as it is at each repeat of the stop

@@ -334,7 +334,8 @@ def test_proof_as_large_as_a_message_may_be_kills_no_wire(bench: LinkBench) -> N
     assert not bench.child.kills
     told: Any = bench.wire.take()[0].what
     session = MuxWords('/mux')
-    assert session.hear_proof(*told.arguments, bench.now) is None
+    (data,) = told.arguments
+    assert session.hear_proof(data, bench.now) is None
     assert session.values(bench.now)['proofs damaged'] == 1
 
 

@@ -117,8 +117,9 @@ def test_what_came_while_a_node_was_held_up_is_discarded_or_the_port_is_opened_a
     peer: Peer,
 ) -> None:
     peer.transport.open()
-    active: Any = Active(
-        Any, peer.transport, resting=False, status=LinkStatus(), tell=lambda *_: None, tap=None
+    session: Any = None
+    active: Active[Any] = Active(
+        session, peer.transport, resting=False, status=LinkStatus(), tell=lambda *_: None, tap=None
     )
     peer.say(peer.frame(90))
     wait_for(lambda: readable(peer.transport), 5.0, 'a frame')
