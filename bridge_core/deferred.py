@@ -70,9 +70,10 @@ class Deferred:
 
     def flush(self) -> None:
         """Publish and log what waits."""
-        self._holds, self.due = False, math.inf
+        self.due = math.inf
         while self._events:
             self._tell(self._events.popleft())
+        self._holds = False  # not before: one may fail, and none may overtake those behind it
         while self._lines:
             level, text = self._lines.popleft()
             # On lines of their own: rclpy refuses a change of severity within one call site.

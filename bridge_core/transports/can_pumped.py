@@ -42,6 +42,10 @@ _SEND_QUEUE_LIMIT = 16  # frames: 8 ms of a bus at 250 kbit/s, and more would de
 _RECV_TIMEOUT = 0.05  # s; the reader thread ends within it
 _CLOSE_TIMEOUT = 0.2  # s
 _LINE_FRAME = 27  # bytes, of a frame of 8 as slcan writes it, the longest
+# Half of what the kernel keeps for a tty. While more waits, frames grow old there, however fast
+# they are read, and those that find no room are lost.
+_UNREAD_LIMIT = 2048  # bytes
+_BEHIND_LIMIT = 0.2  # s, for which that may be so
 _LOOK_PERIOD = 0.001  # s, between two looks at a line that is busy
 
 # Writers that did not end with their ports, by channel: they hold a serial adapter's lock.
@@ -62,13 +66,14 @@ class PumpedPort:
             if options.get('interface') in _SERIAL:
                 tty = _lock_tty(options['channel'], held)
             self._bus = can.Bus(**options, ignore_config=True)
-            if tty is not None:
-                try:
+            with contextlib.ExitStack() as undo:
+                undo.callback(self._bus.shutdown)
+                if tty is not None:
                     exclusive.take(tty)
-                except OSError:
-                    self._bus.shutdown()
-                    raise
-                held.callback(exclusive.give_back, tty)  # ours alone, not that of who refused us
+                    held.callback(exclusive.give_back, tty)  # ours, not that of who refused us
+                if hasattr(self._bus, 'flush'):  # slcan, which takes 2 s to open
+                    self._bus.flush()
+                undo.pop_all()
             self._held = held.pop_all()  # for as long as the writer thread lives
         self._channel = options.get('channel', '')
         self._filters = filters  # python-can's own would drop error frames
@@ -148,11 +153,18 @@ class PumpedPort:
             os.close(line.fd)
 
     def _inward(self) -> None:
+        behind, before = 0.0, clock.now()
         try:
             while not self._closing:
                 message = self._bus.recv(_RECV_TIMEOUT)
                 if message is not None and passes(frame := raw_frame(message), self._filters):
                     self._put(frame)
+                now = clock.now()
+                took, before = now - before, now
+                late = self._line.unread() > _UNREAD_LIMIT
+                behind = behind + took if late else max(0.0, behind - took)
+                if behind > _BEHIND_LIMIT:
+                    raise LostFramesError
         except Exception as error:  # any error of a driver ends the port
             self._fail(error)
 
@@ -199,7 +211,8 @@ class PumpedPort:
             self._wake()
 
     def _fail(self, error: Exception) -> None:
-        if not isinstance(error, can.CanError | OSError):  # drivers raise many kinds
+        if not isinstance(error, can.CanError | OSError | LostFramesError):
+            # drivers raise many kinds
             error = can.CanOperationError(repr(error))
         with self._lock:
             self._failure = self._failure or error

@@ -59,9 +59,15 @@ class Line:
 
     def backlog(self) -> int:
         """Return how many bytes wait. :raises OSError: it is gone, or cannot tell."""
+        return self._count(termios.TIOCOUTQ if self.is_tty else _SIOCOUTQNSD)
+
+    def unread(self) -> int:
+        """Return how many bytes have come, and nobody has read. :raises OSError: it is gone."""
+        return self._count(termios.FIONREAD)
+
+    def _count(self, request: int) -> int:
         if self.fd < 0:
             return 0
-        request = termios.TIOCOUTQ if self.is_tty else _SIOCOUTQNSD
         (count,) = struct.unpack('i', fcntl.ioctl(self.fd, request, b'\0' * 4))
         return int(count)
 

@@ -6,11 +6,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import contextlib
+import os
 import socket
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import can
+from can.interfaces import slcan
 from can.interfaces.udp_multicast.utils import pack_message
 import pytest
 
@@ -228,6 +232,47 @@ def test_serial_adapter_gets_the_bit_rate_carries_frames_and_may_be_unplugged(pt
     pty.unplug()
     with pytest.raises(TransportError, match=r'slcan .*device'):
         wait_frames(transport, 1)
+    transport.close()
+
+
+def test_what_a_serial_adapter_says_while_it_opens_is_forgotten(
+    pty: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes on where one was killed that had it open, and to open it takes 2 s."""
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        pty.write(b'T18FEF53320102\r')
+
+    monkeypatch.setattr(slcan, 'time', SimpleNamespace(sleep=sleep, time=time.time))
+    transport = CanTransport('slcan', str(pty.path), bitrate=250_000)
+    transport.open()
+    assert slept == [2.0]
+    pty.write(b'T18FEF53320304\r')
+    assert wait_frames(transport, 1) == [CanFrame(0x18FEF533, b'\x03\x04')]
+    transport.close()
+
+
+def test_adapter_that_says_more_than_can_be_read_is_a_lost_bus(pty: Pty) -> None:
+    """What waits in the kernel grows old there, and what finds no room may have said stop."""
+    transport = CanTransport('slcan', str(pty.path))
+    transport.open()
+    frame = b'T18FEF53320102\r'
+    unsent = b''
+
+    def is_lost() -> bool:
+        nonlocal unsent
+        unsent = unsent or 100 * frame
+        with contextlib.suppress(BlockingIOError):
+            unsent = unsent[os.write(pty.master, unsent) :]
+        try:
+            transport.receive()
+        except TransportError as error:
+            return 'frames were lost, and may have said stop' in str(error)
+        return False
+
+    wait_for(is_lost, 20.0, 'a lost bus', idle=lambda _: None)
     transport.close()
 
 

@@ -118,7 +118,7 @@ def test_what_came_while_a_node_was_held_up_is_discarded_or_the_port_is_opened_a
 ) -> None:
     peer.transport.open()
     session: Any = None
-    active = Active(
+    active: Active[Any] = Active(
         session, peer.transport, resting=False, status=LinkStatus(), tell=lambda *_: None, tap=None
     )
     peer.say(peer.frame(90))
