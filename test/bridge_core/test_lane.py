@@ -458,8 +458,9 @@ def test_what_is_not_urgent_wakes_no_resting_lane(rig: Rig, way: str) -> None:
     say_stop(2)
     rig.wait_heard(0, 1, 2)
     rig.lane.post(lambda: setattr(rig.lane, 'rests', False))
-    say_sticks(3)
-    rig.wait_heard(0, 1, 2, 3)
+    for n in range(3, 6):  # the first one may come in the wake-up by ``post``
+        say_sticks(n)
+        rig.wait_heard(*range(n + 1))
 
 
 def test_wait_is_as_long_as_to_the_next_timer(rig: Rig, time: Any) -> None:

@@ -241,6 +241,7 @@ def test_node_that_was_held_up_asks_again() -> None:
 
 
 def test_new_line_is_of_unknown_age() -> None:
+    assert Session(Settings(wire=NETWORK)).as_of(0.0) == -math.inf
     far = Far()
     far.run(3.0)
     far.bench.close()
