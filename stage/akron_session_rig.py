@@ -124,10 +124,10 @@ class Bench(SessionBench[Session]):
             self._retry_at = self.now + RETRY
         return super()._keep((events, taken))
 
-    def open(self, before: Handover | None = None, *, lost: bool = False) -> list[Any]:
-        """Open the port as the node does. :param lost: the wire of ``before`` was."""
+    def open(self, before: Handover | None = None) -> list[Any]:
+        """Open the port as the node does."""
         found = super().open()
-        self.session.take_over(before, lost, self.now)
+        self.session.take_over(before, False, self.now)
         return found + self.poll()
 
     def hear_unit(self) -> list[Any]:

@@ -138,15 +138,13 @@ def frame(received: can.Message) -> CanFrame:
     return CanFrame(received.arbitration_id, bytes(received.data))
 
 
-def receive(
-    bus: can.BusABC, identifier: int, mask: int = 0x1FFFFFFF, timeout: float = 5.0
-) -> CanFrame:
+def receive(bus: can.BusABC, identifier: int, timeout: float = 5.0) -> CanFrame:
     """Return the next frame with this identifier. :raises AssertionError: none within time."""
     timeout *= TIMEOUT_FACTOR
     end = time.monotonic() + timeout
     while (left := end - time.monotonic()) > 0:
         received = bus.recv(left)
-        if received is not None and not (received.arbitration_id ^ identifier) & mask:
+        if received is not None and received.arbitration_id == identifier:
             return frame(received)
     raise AssertionError(f'no frame {identifier:08X} within {timeout} s')
 
@@ -159,7 +157,7 @@ def drain(bus: can.BusABC) -> list[CanFrame]:
     return frames
 
 
-def wait_frames(transport: CanTransport, count: int, timeout: float = 5.0) -> list[CanFrame]:
+def wait_frames(transport: CanTransport, count: int) -> list[CanFrame]:
     """Return at least ``count`` frames."""
     frames: list[CanFrame] = []
 
@@ -167,7 +165,7 @@ def wait_frames(transport: CanTransport, count: int, timeout: float = 5.0) -> li
         frames.extend(transport.receive())
         return len(frames) >= count
 
-    wait_for(enough, timeout, lambda: f'{count} frames, not {frames}')
+    wait_for(enough, 5.0, lambda: f'{count} frames, not {frames}')
     return frames
 
 

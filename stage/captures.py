@@ -42,9 +42,9 @@ def decoded(path: Any, protocol: str = '', kind: str = '') -> list[Entry]:
 # Networks
 
 
-def udp(payload: bytes, port: int = 5825) -> bytes:
+def udp(payload: bytes) -> bytes:
     """Return an IPv4 packet; nothing here looks at its checksums."""
-    head = struct.pack('>HHHH', 5825, port, 8 + len(payload), 0)
+    head = struct.pack('>HHHH', 5825, 5825, 8 + len(payload), 0)
     size = 20 + len(head) + len(payload)
     addresses = bytes((192, 168, 1, 7, 239, 255, 42, 20))
     return struct.pack('>BBHHHBBH', 0x45, 0, size, 0, 0, 1, 17, 0) + addresses + head + payload

@@ -145,10 +145,7 @@ class Rig:
 
     def start(self) -> None:
         """Bring it to ENABLED by the book, with the command 100 on axis A."""
-        self.press()
-        self.status = RUNNING
-        self.tick()
-        assert self.phase() is Phase.ENABLED
+        self.start_slowly()
         self.command = (100.0, -5.0)
         self.tick(2)
         assert fields(self.frames[-1][1]) == ((True, False, 100), (True, False, -5))

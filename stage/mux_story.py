@@ -141,6 +141,11 @@ class Story(Bench):
         super().__init__(config)
         self.own = {source.name: False for source in config.sources if source.own_topic}
         self.limits = {each.name: 1.0 for each in config.speed_limits}
+        self.kinds: dict[str, Kind] = {'joints': 'feedback', 'autonomy': 'autonomy'}
+        self.kinds |= dict.fromkeys(('drive', *config.drives), 'drive')
+        self.kinds |= dict.fromkeys(self.estops, 'e-stop source')
+        self.kinds |= dict.fromkeys(self.samples, 'operator')
+        self.kinds |= dict.fromkeys(self.limits, 'speed limit')
 
     def __str__(self) -> str:
         return f'{self.decision}, {self.reply}, {self.reason()!r}, {self.why()!r}'
@@ -153,7 +158,7 @@ class Story(Bench):
             if value is not None:
                 arbiter.own_estop_message(name, value, self.now)
         for name in self.bad:
-            arbiter.malformed(self._kind(name), name, WHY, self.now)
+            arbiter.malformed(self.kinds[name], name, WHY, self.now)
         super().send()
 
     def run(self, seconds: float, check: Callable[[Decision], None] | None = None) -> Decision:
@@ -187,7 +192,7 @@ class Story(Bench):
         word, _, rest = step.partition(' ')
         if rest and word.removesuffix('-').replace('.', '').isdigit():
             self._pass_time(word, rest)
-        elif self._is_input(word):
+        elif word in self.kinds:
             self._input(word, rest.removesuffix('!'), once=rest.endswith('!'))
         elif word == 'not':
             word, _, rest = rest.partition(' ')
@@ -232,10 +237,10 @@ class Story(Bench):
             self.now += float(rest)
         elif word in ('invalid', 'valid'):
             reason = WHY if word == 'invalid' else None
-            arbiter.set_invalid(self._kind(rest), self._named(rest), 'publishers', reason)
+            arbiter.set_invalid(self.kinds[rest], self._named(rest), 'publishers', reason)
         elif word == 'explain':
             name, _, words = rest.partition(' ')
-            arbiter.explain(self._kind(name), name, words)
+            arbiter.explain(self.kinds[name], name, words)
         else:
             acts: dict[str, Callable[[], object]] = {
                 'tick': self.tick,
@@ -249,26 +254,14 @@ class Story(Bench):
 
     # Inputs.
 
-    def _is_input(self, name: str) -> bool:
-        config = self.arbiter.config
-        names = {*self.estops, *self.samples, *self.limits, *config.drives}
-        return name in names | {'autonomy', 'drive', 'joints'}
-
-    def _kind(self, name: str) -> Kind:
-        kinds: dict[str, Kind] = {'joints': 'feedback', 'autonomy': 'autonomy', 'drive': 'drive'}
-        kinds |= dict.fromkeys(self.estops, 'e-stop source')
-        kinds |= dict.fromkeys(self.samples, 'operator')
-        kinds |= dict.fromkeys(self.limits, 'speed limit')
-        return kinds[name]
-
     def _named(self, name: str) -> str:
         return {'joints': 'feedback', 'drive': ''}.get(name, name)
 
     def _input(self, name: str, what: str, *, once: bool) -> None:
-        kind = None if name in (*self.arbiter.config.drives, 'joints') else self._kind(name)
-        if name == 'joints':
+        kind = self.kinds[name]
+        if kind == 'feedback':
             self._joints(*what.split())
-        elif kind is None or kind == 'drive':
+        elif kind == 'drive':
             if once:
                 self.arbiter.drive_enabled(self._named(name), DRIVES[what], self.now)
             else:
@@ -376,7 +369,7 @@ class Story(Bench):
 
     def _drives(self, word: str) -> bool:
         status = self.arbiter.status(self.now)
-        return status.drives_enabled is {'enabled': True, 'disabled': False}.get(word)
+        return status.drives_enabled is DRIVES.get(word)
 
     def _tripped(self, nothing: str) -> bool:
         del nothing

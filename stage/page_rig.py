@@ -214,7 +214,6 @@ async def watch(
     session: aiohttp.ClientSession,
     machine_address: str,
     wanted: Callable[[dict[str, Any]], bool],
-    token: str = '',
     timeout: float = 10.0,
 ) -> dict[str, Any]:
     """Return the first snapshot that is wanted, as a browser would get it."""
@@ -222,7 +221,7 @@ async def watch(
 
     async def look() -> dict[str, Any]:
         async with session.ws_connect(f'{origin}/live', origin=origin) as stream:
-            await stream.send_str(token)
+            await stream.send_str('')
             async for message in stream:
                 snapshot: dict[str, Any] = message.json()
                 if 'muxes' in snapshot and wanted(snapshot):

@@ -253,9 +253,9 @@ class NodeProcess:
         size = os.fstat(self._output.fileno()).st_size
         return os.pread(self._output.fileno(), size, offset).decode('latin-1')
 
-    def wait_output(self, text: str, timeout: float = 15.0) -> None:
+    def wait_output(self, text: str) -> None:
         """Wait until it has printed ``text``."""
-        wait_for(lambda: text in self.output, timeout, lambda: f'{text!r} in:\n{self.output}')
+        wait_for(lambda: text in self.output, 15.0, lambda: f'{text!r} in:\n{self.output}')
 
     def wait(self, timeout: float = 15.0) -> int:
         """Wait for its end; return the exit status, negative after a signal."""
@@ -400,12 +400,10 @@ class Observer:
         self.node.create_subscription(kind, topic, on_message, qos)
         return record
 
-    def publisher(self, kind: Any, topic: str, qos: Any = 10, *, matched: int = 1) -> Any:
-        """Return a publisher that is matched with this many subscriptions."""
+    def publisher(self, kind: Any, topic: str, qos: Any = 10) -> Any:
+        """Return a publisher that is matched with a subscription."""
         publisher = self.node.create_publisher(kind, topic, qos)
-        self.wait_for(
-            lambda: publisher.get_subscription_count() >= matched, 15.0, f'a subscriber of {topic}'
-        )
+        self.wait_for(publisher.get_subscription_count, 15.0, f'a subscriber of {topic}')
         return publisher
 
     def client(self, kind: Any, service: str) -> Any:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 import select
@@ -41,30 +42,22 @@ class SerialServer:
             for end in select.select(ends, [], [], _LOOK)[0]:
                 if end is self._server:
                     client = self._server.accept()[0]
-                elif end == self._port:
-                    self._hand_on(client, os.read(self._port, 4096))
-                elif client is not None and not self._take(client):
+                elif isinstance(end, int):
+                    data = os.read(self._port, 4096)
+                    if client is not None:  # without one nobody hears it
+                        with contextlib.suppress(OSError):
+                            client.sendall(data)
+                elif data := _heard(end):
+                    os.write(self._port, data)
+                else:
+                    end.close()
                     client = None
         if client is not None:
             client.close()
 
-    @staticmethod
-    def _hand_on(client: socket.socket | None, data: bytes) -> None:
-        """Without a client nobody hears it."""
-        if client is not None:
-            try:
-                client.sendall(data)
-            except OSError:
-                return
 
-    def _take(self, client: socket.socket) -> bool:
-        """Write what a client says to the port; tell whether it is still there."""
-        try:
-            data = client.recv(4096)
-        except OSError:
-            data = b''
-        if data:
-            os.write(self._port, data)
-        else:
-            client.close()
-        return bool(data)
+def _heard(client: socket.socket) -> bytes:
+    """Return what a client says; empty: it has left."""
+    with contextlib.suppress(OSError):
+        return client.recv(4096)
+    return b''

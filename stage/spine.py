@@ -10,10 +10,8 @@ import fcntl
 import os
 from pathlib import Path
 import select
-import signal
 import struct
 import subprocess
-import sys
 import time
 from typing import Any
 
@@ -24,7 +22,7 @@ from esi_drive_bridge.simulator import Simulator as DriveSimulator
 from fort_vsc_bridge.simulator import Simulator as VscSimulator
 from rugged_teleop.stack import wiring
 from stage.devices import CLEAR_ERRORS, DRIVE, LATE_WORDS, MUX, Stage, VSC
-from stage.rig import Observer, TIMEOUT_FACTOR
+from stage.rig import Observer, run_python, TIMEOUT_FACTOR
 from stage.run_delay import RunDelay, WIRE_HELD_UP
 
 MODULES = {VSC: 'fort_vsc_bridge.node', MUX: 'safety_mux.node', DRIVE: 'esi_drive_bridge.node'}
@@ -88,9 +86,8 @@ class Spine(Stage):
     def rest(self) -> None:
         """Bring everything to the same start: alive, plugged in, nothing held, mux STOPPED."""
         self.vsc.exchange(VscSimulator())
-        self.drive.exchange(
-            DriveSimulator(command_timeout=1.0)
-        )  # a busy machine is no wiring fault
+        # A busy machine is no wiring fault.
+        self.drive.exchange(DriveSimulator(command_timeout=1.0))
         for name, node in self.nodes.items():
             if node.process.poll() is not None:
                 self.restart_and_meet(name)
@@ -267,17 +264,6 @@ class UntouchedPort:
 
 def exit_of(module: str, *arguments: str, timeout: float = 20.0) -> tuple[int, str]:
     """Run a module to its end; return exit status and stderr."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', module, *arguments],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=Path(__file__).resolve().parents[1],
-    )
-    try:
-        _, error = process.communicate(timeout=timeout * TIMEOUT_FACTOR)
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        raise
-    return process.returncode, error
+    given = {'stdout': subprocess.DEVNULL, 'stderr': subprocess.PIPE}
+    done = run_python('-m', module, *arguments, timeout=timeout * TIMEOUT_FACTOR, **given)
+    return done.returncode, done.stderr

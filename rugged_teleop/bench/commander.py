@@ -146,7 +146,12 @@ class Commander(Visitor):
 
     def _on_parameters(self, answer: Any) -> None:
         self._ask_at = math.inf
-        joints, timeout, *mode = answer.result().values
+        values = answer.result().values
+        if not values:  # a node answers nothing where it does not have all of them
+            wanted = ', '.join(self._target.parameters)
+            self.refusal = f'--{self._option} is for a node with {wanted}, and this one is another'
+            return
+        joints, timeout, *mode = values
         names = list(joints.string_array_value)
         modes = [word for each in mode for word in each.string_array_value]
         limit = timeout.double_value

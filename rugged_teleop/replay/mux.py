@@ -10,7 +10,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from bridge_core.parameters import full_topic, is_ros_parameter, MANAGED_PARAMETERS, resolve
+from bridge_core.parameters import full_topic
 from bridge_core.reasons import Coded
 from rugged_teleop.recordings import Said
 from rugged_teleop.replay.beginning import Beginning
@@ -24,11 +24,10 @@ from rugged_teleop.replay.track import (
     Track,
     within_range,
 )
-from rugged_teleop.why.events import demand_of, fields_of, reason_of
+from rugged_teleop.why.events import demand_of, fields_of, mux_values, reason_of
 from safety_mux.button import ResetButton
-from safety_mux.configuration import check, joint_limits
+from safety_mux.configuration import joint_limits
 from safety_mux.intake import Intake, Listened
-from safety_mux.parameters import parameter_table
 from safety_mux.protocol import Decision, Kind, State
 
 _ABOUT = 0.5  # s; what was heard so near to the beginning stands for what was before
@@ -61,13 +60,9 @@ class MuxReplay:
         given: Mapping[str, Any],
         tolerance: float | None = None,
     ) -> None:
-        given = {key: value for key, value in given.items() if not is_ros_parameter(key)}
-        if not given:
-            raise ValueError(f'the parameters of {name} are not in it')
         self._name = name
         resolved = partial(full_topic, name)
-        self._values = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
-        check(self._values, resolved)
+        self._values = mux_values(name, given)
         self._period = 1.0 / self._values['rate']
         self._tolerance = 2.0 * self._period if tolerance is None else tolerance
         self._said = said

@@ -126,7 +126,7 @@ class Server:
             self._thread.join(_TAKE_LIMIT)
 
     def _soon(self, function: Callable[..., None], *args: Any) -> None:
-        if not self._loop.is_closed():
+        with suppress(RuntimeError):  # it has ended, just now perhaps
             self._loop.call_soon_threadsafe(function, *args)
 
     # In the thread.

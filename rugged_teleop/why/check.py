@@ -12,18 +12,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from bridge_core.parameters import (
-    full_topic,
-    is_ros_parameter,
-    MANAGED_PARAMETERS,
-    ParameterError,
-    resolve,
-)
+from bridge_core.parameters import full_topic, ParameterError
 from bridge_core.proof import Proof, ProofError
 from rugged_teleop.command_line import moment
 from rugged_teleop.loaded import Loaded
 from rugged_teleop.recordings import Said
-from rugged_teleop.why.events import demand_of, fields_of, Roles, wire_events
+from rugged_teleop.why.events import demand_of, fields_of, mux_values, Roles, wire_events
 from rugged_teleop.why.rules import (
     Broken,
     DriveMonitor,
@@ -32,9 +26,8 @@ from rugged_teleop.why.rules import (
     ProofMonitor,
     SELDOM,
 )
-from safety_mux.configuration import check, joint_limits
+from safety_mux.configuration import joint_limits
 from safety_mux.intake import Intake, Listened
-from safety_mux.parameters import parameter_table
 from safety_mux.protocol import AUTONOMY, Decision, Demand, MalformedInput, OperatorSample, State
 
 SLACK = 0.05  # s that messages may be heard late, or in another order
@@ -73,14 +66,9 @@ def lines_of(verdict: Verdict) -> Iterator[str]:
 
 
 def _verdict(name: str, recording: Loaded, slack: float) -> Verdict:
-    given = recording.parameters.get(name, {})
-    given = {key: value for key, value in given.items() if not is_ros_parameter(key)}
-    if not given:
-        raise ValueError(f'the parameters of {name} are not in it')
     verdict = Verdict(name)
     try:
-        values = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
-        check(values, partial(full_topic, name))
+        values = mux_values(name, recording.parameters.get(name, {}))
         watch = _Watch(name, values, recording, slack, verdict)
     except ParameterError as error:
         words = f'it ran with what this version refuses: {error}'

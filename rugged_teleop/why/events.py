@@ -10,14 +10,18 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any, NamedTuple
 
 from bridge_core.decoding import StreamDecoder
+from bridge_core.parameters import full_topic, is_ros_parameter, MANAGED_PARAMETERS, resolve
 from rugged_teleop.decode.protocols import recording_entries
 from rugged_teleop.decode.recorded import pieces_of
 from rugged_teleop.devices import protocols
 from rugged_teleop.recordings import Said
+from safety_mux.configuration import check
+from safety_mux.parameters import parameter_table
 
 STANDSTILL = 0.2  # rad/s; the mux's own default
 _DEADBAND = 0.05  # of a stick
@@ -181,6 +185,20 @@ def fields_of(status: Any) -> dict[str, str]:
         return {str(value.key): str(value.value) for value in status.values}
     except (AttributeError, TypeError):
         return {}
+
+
+def mux_values(name: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return every parameter of a mux. :param recorded: those that it had, by name.
+
+    :raises ValueError: there are none. :raises ParameterError: this version refuses them.
+    """
+    given = {key: value for key, value in recorded.items() if not is_ros_parameter(key)}
+    if not given:
+        raise ValueError(f'the parameters of {name} are not in it')
+    values: dict[str, Any] = resolve((*MANAGED_PARAMETERS, *parameter_table(given)), given)
+    check(values, partial(full_topic, name))
+    return values
 
 
 def demand_of(values: Mapping[str, Any], message: Any) -> tuple[float, ...]:

@@ -391,9 +391,13 @@ def test_whatever_ends_it_the_drive_is_disabled(
 def test_what_the_drive_cannot_do_and_other_commanders_are_refused(
     drive: Drive, node: str, observer: Observer
 ) -> None:
-    with bench('--node', node, '--joint', 'middle', '--speed', '1') as child:
-        text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
-    assert (child.returncode, "no joint 'middle'" in text) == (1, True), text
+    for joint, option, says in (
+        ('middle', '--speed', "no joint 'middle'"),
+        ('left', '--position', 'is for a node with servos, command_timeout'),
+    ):
+        with bench('--node', node, '--joint', joint, option, '1') as child:
+            text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)
+        assert (child.returncode, says in text) == (1, True), text
     observer.publisher(Bool, f'{node}/enable')
     with bench('--node', node, '--joint', 'left', '--speed', '1') as child:
         text, _ = child.communicate(timeout=30.0 * TIMEOUT_FACTOR)

@@ -10,14 +10,15 @@ import struct
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from sensor_msgs.msg import BatteryState, Joy
 from std_msgs.msg import Bool, Int32, UInt8MultiArray, UInt16
 
 from rugged_teleop.multicasts import LOOPBACK
 from stage.multicast_rig import free_port, Station
-from stage.rig import latched, NodeProcess, Observer, Record
+from stage.node_bench import BridgeBench, DEVICE, LINK
+from stage.rig import latched, NodeProcess, Observer
 from stage.run_delay import RunDelay
 from stage.talkers import namespace, Talker, values_of
 from vm110_bridge.protocol import BuState
@@ -27,39 +28,22 @@ pytestmark = pytest.mark.waits(120)
 NAME = 'vm110_bridge'
 
 
-class Bench:
+class Bench(BridgeBench):
     """A node, its base unit, and what it publishes."""
 
-    def __init__(
-        self,
-        observer: Observer,
-        node: NodeProcess,
-        station: Station,
-        namespace: str = '',
-    ) -> None:
-        self.observer, self.node, self.station = observer, node, station
-        self.prefix = f'{namespace}/{NAME}'
-        self.estop = self._record(Bool, 'estop', latched())
-        self.own_estop = self._record(Bool, 'own_estop', latched())
-        self.link_up = self._record(Bool, 'link_up', latched())
-        self.armed = self._record(Bool, 'armed', latched())
-        self.enabled = self._record(Bool, 'enabled', latched())
-        self.joy = self._record(Joy, 'joy')
-        self.encoder = self._record(Int32, 'encoder', latched())
-        self.battery = self._record(BatteryState, 'battery', latched())
-        self.device = self._record(DiagnosticStatus, 'device', latched())
-        self.command = self._record(UInt8MultiArray, 'command')
-        self.result = self._record(KeyValue, 'command_result')
-        self.diagnostics = observer.record(DiagnosticArray, '/diagnostics')
-
-    def _record(self, kind: Any, name: str, qos: Any = 10) -> Record:
-        return self.observer.record(kind, f'{self.prefix}/{name}', qos)
-
-    def wait(self, condition: Callable[[], Any], what: str = 'it', timeout: float = 10.0) -> None:
-        self.observer.wait_for(condition, timeout, lambda: f'{what}\n{self.node.output}')
-
-    def wait_stop(self, stop: bool) -> None:
-        self.wait(lambda: self.estop.last == Bool(data=stop), f'estop {stop}')
+    def __init__(self, observer: Observer, node: NodeProcess, name: str, station: Station) -> None:
+        super().__init__(observer, node, name)
+        self.station = station
+        self.own_estop = self.record(Bool, 'own_estop', latched())
+        self.link_up = self.record(Bool, 'link_up', latched())
+        self.armed = self.record(Bool, 'armed', latched())
+        self.enabled = self.record(Bool, 'enabled', latched())
+        self.joy = self.record(Joy, 'joy')
+        self.encoder = self.record(Int32, 'encoder', latched())
+        self.battery = self.record(BatteryState, 'battery', latched())
+        self.device = self.record(DiagnosticStatus, 'device', latched())
+        self.command = self.record(UInt8MultiArray, 'command')
+        self.result = self.record(KeyValue, 'command_result')
 
     def connect(self) -> 'Bench':
         """Wait until topics are matched and the link is healthy."""
@@ -73,18 +57,6 @@ class Bench:
         self.station.apply('arm 1', *lines)
         self.wait(lambda: self.enabled.last == Bool(data=True), 'enabled')
         return self
-
-    def status(self, part: str = 'device') -> Any:
-        """Return the newest diagnostic of ours."""
-        name = f'{self.prefix.lstrip("/")}: {part}'
-        for array in reversed(self.diagnostics.messages):
-            for status in array.status:
-                if status.name == name:
-                    return status
-        return DiagnosticStatus()
-
-    def value(self, key: str, part: str = 'device') -> str:
-        return next((pair.value for pair in self.status(part).values if pair.key == key), '')
 
 
 @contextlib.contextmanager
@@ -106,7 +78,7 @@ def bench_of(
         node = stack.enter_context(
             NodeProcess('vm110_bridge.node', given, namespace=namespace, patient=True)
         )
-        yield Bench(observer, node, station, namespace)
+        yield Bench(observer, node, f'{namespace}/{NAME}', station)
 
 
 @pytest.fixture
@@ -138,10 +110,11 @@ def test_sticks_switches_encoder_and_battery_come_out(bench: Bench) -> None:
     bench.wait(lambda: bench.armed.last == Bool(data=True), 'armed true')
     bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
     bench.wait(lambda: bench.value('BU state') == 'Armed', 'the diagnostic')
-    assert bench.status().level == DiagnosticStatus.OK
+    status = bench.diagnostics.status(DEVICE)
+    assert status.level == DiagnosticStatus.OK
     assert bench.value('CRC') == 'mpeg2'
     assert bench.joy.last.header.frame_id == bench.battery.last.header.frame_id == NAME
-    assert bench.status().hardware_id.startswith('239.255.42.20:')
+    assert status.hardware_id.startswith('239.255.42.20:')
 
 
 def test_second_sender_with_the_base_units_id_is_a_stop_that_names_both(bench: Bench) -> None:
@@ -150,8 +123,8 @@ def test_second_sender_with_the_base_units_id_is_a_stop_that_names_both(bench: B
     with Station(Simulator(), bench.station.port) as twin:
         first = twin.apply('arm 1', 'stick 1 1 -1')
         bench.wait_stop(True)
-        bench.wait(lambda: 'both send as base unit' in bench.status().message, 'why')
-        assert all(source in bench.status().message for source in sources(bench.station, twin))
+        bench.wait(lambda: 'both send as base unit' in bench.told(), 'why')
+        assert all(source in bench.told() for source in sources(bench.station, twin))
         bench.estop.clear()
         bench.observer.holds_for(lambda: all(bench.estop.data), 1.5, 'one stop without a gap')
         assert not any(message.axes[0] < 0 for at, message in bench.joy.since(first))
@@ -189,7 +162,7 @@ def sources(*stations: Station) -> list[str]:
 
 def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Bench) -> None:
     bench.arm()
-    hold = bench.observer.publisher(Bool, f'{bench.prefix}/hold_output')
+    hold = bench.observer.publisher(Bool, f'{bench.name}/hold_output')
 
     def repeat(value: bool) -> Callable[[Callable[[Any], Any]], Callable[[], Any]]:
         def with_condition(condition: Callable[[Any], Any]) -> Callable[[], Any]:
@@ -204,7 +177,7 @@ def test_hold_output_opens_the_relays_which_close_only_after_rearming(bench: Ben
     bench.wait(repeat(True)(lambda unit: not unit.relays_closed), 'open relays')
     bench.wait_stop(True)
     bench.wait(lambda: bench.own_estop.last == Bool(data=False), 'own_estop false')
-    bench.wait(lambda: 'as hold_output asks' in bench.status().message, 'the reason')
+    bench.wait(lambda: 'as hold_output asks' in bench.told(), 'the reason')
     before = bench.station.look(lambda unit: unit.received['VRPO'])
     bench.wait(repeat(False)(lambda unit: unit.received['VRPO'] > before + 3), 'VRPO again')
     assert not bench.station.look(lambda unit: unit.relays_closed)
@@ -236,16 +209,16 @@ def outputs_since(bench: Bench, before: int) -> int:
 
 def test_second_publisher_of_hold_output_lets_nothing_go(bench: Bench) -> None:
     bench.arm()
-    topic = f'{bench.prefix}/hold_output'
+    topic = f'{bench.name}/hold_output'
     first = Talker(bench.observer, Bool, topic, Bool(data=True), rate=20.0)
     second = Talker(bench.observer, Bool, topic, Bool(data=False), rate=20.0)
     doubled = f'stop one of the two publishers of {topic}'
-    bench.wait(lambda: doubled in bench.status().message, 'why')
+    bench.wait(lambda: doubled in bench.told(), 'why')
     bench.wait(lambda: outputs_since(bench, outputs(bench)) == 0, 'the wire to hear of it')
     before = outputs(bench)
     bench.observer.holds_for(lambda: outputs(bench) <= before + 1, 0.5, 'no VRPO')
     first.leave()
-    bench.wait(lambda: doubled not in bench.status().message, 'only one again')
+    bench.wait(lambda: doubled not in bench.told(), 'only one again')
     bench.wait(lambda: outputs(bench) > before + 3, 'VRPO again')
     second.leave()
 
@@ -256,13 +229,13 @@ def test_periodic_output_reaches_the_display_in_a_burst(observer: Observer) -> N
         data = bytes(n % 251 for n in range(1000))
         output = UInt8MultiArray(data=list(data))
         # Again, as a node that a busy machine held up refuses what may have waited.
-        Talker(observer, UInt8MultiArray, f'{bench.prefix}/periodic_output', output, rate=2.0)
+        Talker(observer, UInt8MultiArray, f'{bench.name}/periodic_output', output, rate=2.0)
         bench.wait(lambda: bench.station.look(lambda unit: unit.display == data), 'the display')
 
 
 def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Bench) -> None:
     bench.arm()
-    send = bench.observer.publisher(UInt8MultiArray, f'{bench.prefix}/send_command')
+    send = bench.observer.publisher(UInt8MultiArray, f'{bench.name}/send_command')
     bench.station.apply('command 0102')
     bench.wait(lambda: bench.command.messages, 'the command')
     bench.wait(lambda: bench.station.look(lambda unit: unit.acknowledged == [1]), 'its VRAO')
@@ -288,13 +261,13 @@ def test_commands_both_ways_each_once_though_acknowledgements_are_lost(bench: Be
     send.publish(UInt8MultiArray(data=[1] * 15))
     bench.wait(lambda: len(bench.result.messages) == 3, 'the refusal')
     assert bench.result.last.key == 'refused'
-    bench.wait(lambda: bench.value('refused requests', 'link') == '1', 'the count')
+    bench.wait(lambda: bench.value('refused requests', LINK) == '1', 'the count')
 
 
 def test_explicit_acknowledgement(observer: Observer) -> None:
     with bench_of(observer, {'acknowledge': 'explicit'}) as bench:
         bench.arm()
-        done = observer.publisher(UInt16, f'{bench.prefix}/command_done')
+        done = observer.publisher(UInt16, f'{bench.name}/command_done')
         bench.station.apply('command aa')
         bench.wait(lambda: bench.command.messages, 'the command')
         bench.wait(lambda: bench.value('commands not acknowledged yet') == '1', 'it waits')
@@ -325,7 +298,7 @@ def test_two_bridges_and_two_units_on_one_host_without_cross_talk(observer: Obse
 
 def test_missing_interface_is_told_and_waited_for(observer: Observer) -> None:
     with bench_of(observer, {'interface_address': '192.0.2.99'}) as bench:
-        bench.wait(lambda: 'interface_address' in bench.status('link').message, 'the reason')
+        bench.wait(lambda: 'interface_address' in bench.told(LINK), 'the reason')
         bench.wait(lambda: bench.estop.last == Bool(data=True), 'estop true')
         assert bench.node.process.poll() is None
 

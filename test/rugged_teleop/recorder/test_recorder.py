@@ -211,23 +211,12 @@ class Foreign:
         self._answers[GetParameters] = GetParameters.Response(values=values)
 
     def create_client(self, kind: type, name: str) -> Any:
-        return Client(self._answers[kind])
-
-    def destroy_client(self, client: Client) -> None:
-        pass
-
-
-class Client:
-    def __init__(self, answer: Any) -> None:
-        self._answer = answer
-
-    def service_is_ready(self) -> bool:
-        return True
-
-    def call_async(self, request: Any) -> Future:
         future = Future()
-        future.set_result(self._answer)
-        return future
+        future.set_result(self._answers[kind])
+        return SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _: future)
+
+    def destroy_client(self, client: Any) -> None:
+        pass
 
 
 ONE = ParameterValue(type=Parameter.Type.INTEGER.value, integer_value=1)
