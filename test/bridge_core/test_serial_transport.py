@@ -63,36 +63,6 @@ def test_bytes_of_all_values_pass_both_ways(peer: Peer, transport: SerialTranspo
     peer.wait_received(ALL_BYTES)
 
 
-def test_stalled_peer_is_an_error_and_close_waits_not(
-    peer: Any, transport: SerialTransport
-) -> None:
-    transport.open()
-    peer.stalled = True
-    longest = 0.0
-    error = ''
-    dropped = 0
-
-    def stalled() -> bool:
-        nonlocal longest, error, dropped
-        start = time.monotonic()
-        try:
-            dropped += not transport.send(b'\x55' * 64)
-        except TransportError as failure:
-            error = str(failure)
-        longest = max(longest, time.monotonic() - start)
-        return bool(error)
-
-    wait_for(stalled, 20.0, 'an error from a port that takes nothing', idle=lambda _: None)
-    assert 'took no bytes for' in error
-    if '://' in transport.name:  # a pty has no queue
-        assert dropped  # rather than kept for as long as the network is away, to come out then
-    closing = time.monotonic()
-    transport.close()
-    # Not a matter of speed: a close that waits for the line waits for ever, or for 30 s.
-    assert time.monotonic() - closing < 3.0 * TIMEOUT_FACTOR
-    assert longest < 3.0 * TIMEOUT_FACTOR
-
-
 def test_last_frame_has_left_once_a_url_port_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The process may end right behind that, and its threads with it."""
     monkeypatch.setattr(serial_transport, '_FINISH_TIMEOUT', 10.0)

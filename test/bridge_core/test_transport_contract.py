@@ -8,6 +8,7 @@ from dataclasses import fields
 import os
 from pathlib import Path
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -28,7 +29,7 @@ from stage.port_rig import (
     Rfc2217Peer,
     TcpPeer,
 )
-from stage.rig import wait_for
+from stage.rig import TIMEOUT_FACTOR, wait_for
 
 pytestmark = pytest.mark.usefixtures('patient_writer')
 KINDS: dict[str, Callable[[Path], Peer]] = {
@@ -153,6 +154,35 @@ def test_last_frame_leaves_although_the_port_is_closed_behind_it(peer: Peer) -> 
         send(peer, peer.frame(number))
         peer.transport.close()
         peer.wait_received(peer.frame(number))
+
+
+def test_line_that_takes_nothing_is_an_error_and_close_does_not_wait(peer: Any) -> None:
+    if not peer.is_stream:
+        pytest.skip('its frames are dropped: see the tests of its kind')
+    transport = peer.transport
+    transport.open()
+    peer.stalled = True
+    errors: list[str] = []
+    longest, dropped = 0.0, 0
+
+    def is_told() -> bool:
+        nonlocal longest, dropped
+        start = time.monotonic()
+        try:
+            dropped += not transport.send(b'\x55' * 64)
+        except TransportError as error:
+            errors.append(str(error))
+        longest = max(longest, time.monotonic() - start)
+        return bool(errors)
+
+    wait_for(is_told, 20.0, 'an error from a port that takes nothing', idle=lambda _: None)
+    assert 'took no bytes for' in errors[0]
+    if '://' in transport.name:  # a pty has no queue
+        assert dropped  # rather than kept for as long as the network is away, to come out then
+    closing = time.monotonic()
+    transport.close()
+    # Not a matter of speed: a close that waits for the line waits for ever, or for 30 s.
+    assert max(longest, time.monotonic() - closing) < 3.0 * TIMEOUT_FACTOR
 
 
 def test_flood_is_handed_up_in_portions_and_none_of_it_is_lost(peer: Peer) -> None:
