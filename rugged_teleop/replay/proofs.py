@@ -58,7 +58,7 @@ class Proofs:
                 estop=first.estop and not clear,
                 own_estop=first.own_estop and not clear,
                 enable=enable,
-                newest=0,  # so that it is about every message
+                newest=1,  # so that it is about every message
                 answers=((asked.reader, asked.asked),),
             )
             node.hear(made.to_bytes(), now)
