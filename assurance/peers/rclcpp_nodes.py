@@ -12,6 +12,7 @@ ends it with status 1.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -20,14 +21,18 @@ from signal import SIGINT, SIGKILL
 import subprocess
 import sys
 import tempfile
+import time
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 import yaml
 
+from rugged_teleop.recordings import read, Said
 from stage.devices import DRIVE, MUX, UNHURRIED, VSC
 from stage.mux_talkers import sticks
 from stage.recipes import bench, file_of, twist, twist_mux_is_locked
@@ -35,6 +40,15 @@ from stage.rig import NodeProcess, Observer, ROOT
 from stage.spine import Spine
 from stage.talkers import Talker
 
+PROVEN: dict[str, dict[str, Any]] = {  # as in config/spine.yaml
+    VSC: UNHURRIED[VSC],
+    MUX: UNHURRIED[MUX]
+    | dict.fromkeys(
+        ('estop.fort.proof', 'estop.drive.proof', 'operator.fort.proof', 'drive_enabled_proof'),
+        'required',
+    ),
+    DRIVE: UNHURRIED[DRIVE] | {'proof': 'required'},
+}
 ERROR, STALE = 2, 3  # of a DiagnosticStatus
 
 
@@ -208,11 +222,71 @@ def lifecycle_manager(observer: Observer) -> Iterator[str]:
         yield f'configured and activated by hand, then a reset: motion, {states()}'
 
 
+def rosbag2(observer: Observer) -> Iterator[str]:
+    """Record a motion, play it to the machine it was recorded from, and play our recordings."""
+
+    command = f'/{MUX}/command'
+
+    def said(file: Path) -> list[Said]:
+        with file.open('rb') as opened:
+            return [each for each in read(opened) if isinstance(each, Said)]
+
+    def pass_time(duration: float) -> None:
+        end = time.monotonic() + duration
+        observer.wait_for(lambda: time.monotonic() > end, 2.0 * duration)
+
+    def play(file: Path) -> None:
+        before = observer.node.count_publishers(command)
+        times = [each.at for each in said(file)]
+        with running('rosbag2_transport', 'player', '-p', f'storage.uri:={file}'):
+            observer.wait_for(lambda: observer.node.count_publishers(command) > before, 20.0)
+            pass_time(max(times) - min(times) + 1.0)
+
+    with tempfile.TemporaryDirectory() as folder, spine(observer, PROVEN) as machine:
+        bag = Path(folder) / 'bag'
+        options = {'record.all_topics': 'true', 'storage.uri': bag, 'storage.storage_id': 'mcap'}
+        words = [word for key, value in options.items() for word in ('-p', f'{key}:={value}')]
+        with running('rosbag2_transport', 'recorder', *words) as recorder:
+            machine.rest()
+            machine.moving()
+            pass_time(2.0)
+            machine.vsc.apply('estop remote on')
+            machine.wait(lambda: machine.mux_says('STOPPED'), 'STOPPED')
+            recorder.send_signal(SIGINT)
+            recorder.wait(30.0)
+        (file,) = bag.glob('*.mcap')
+        recorded = said(file)
+        commands = [each.message for each in recorded if each.topic == command]
+        assert any(any(message.velocity) for message in commands)
+        topics = {each.topic for each in recorded}
+        yield f'recorded {len(recorded)} messages of {len(topics)} topics, and read them'
+        machine.let_go()
+        machine.release()
+        machine.ready()
+        start = time.monotonic()
+        played = observer.record(JointState, command)
+        play(file)
+        moved = sum(any(message.velocity) for message in played.messages)
+        enabled = [packet for packet in machine.drive.packets(start) if packet.enables]
+        yield f'played to the machine: {moved} commands, {len(enabled)} packets enable the drive'
+        assert moved
+        assert not enabled
+        machine.moving()
+        yield 'after it: a reset, and motion'
+    state = observer.record(String, f'/{MUX}/state')  # a recording keeps no QoS
+    for recording in ('lost_remote', 'pressed_estop', 'drive_fault'):
+        state.clear()
+        play(ROOT / 'test' / 'recordings' / f'{recording}.mcap')
+        yield f'played {recording}: {dict(Counter(message.data for message in state.messages))}'
+        assert state.messages
+
+
 PEERS = {
     'lock': ('twist_mux', lock),
     'nav2_in': ('twist_mux', nav2_in),
     'aggregator': ('diagnostic_aggregator', aggregator),
     'lifecycle_manager': ('nav2_lifecycle_manager', lifecycle_manager),
+    'rosbag2': ('rosbag2_transport', rosbag2),
 }
 
 
