@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Have twist_mux, diagnostic_aggregator and Nav2's lifecycle manager meet simulated devices and mux.
+Have twist_mux, rosbag2, diagnostic_aggregator and nodes of Nav2 meet simulated devices and mux.
 
 In a workspace with some of them: ``. install/setup.bash``, then
 ``python -m assurance.peers.rclcpp_nodes`` in this repository, with the names of ``PEERS`` that are
@@ -27,7 +27,7 @@ from typing import Any
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 import yaml
@@ -138,6 +138,86 @@ def nav2_in(observer: Observer) -> Iterator[str]:
             yield 'the deadman takes over'
         finally:
             for talker in (planner, idle):
+                talker.leave()
+            mux.close()
+
+
+class Scanner(Talker):
+    """A laser that sees the same all around, now."""
+
+    def see(self, distance: float) -> None:
+        """:param distance: m."""
+        self.message.ranges = [distance] * 360
+
+    def say(self) -> None:
+        """Publish now."""
+        self.message.header.stamp = self._node.get_clock().now().to_msg()
+        super().say()
+
+
+def collision_monitor(observer: Observer) -> Iterator[str]:
+    """Put an obstacle before a planner that twist_mux and mux follow; end the laser, the node."""
+    mux = bench(
+        observer, 'nav2', '-r', '~/cmd_vel:=/base/cmd_vel', autonomy__type='Twist', output='twist'
+    )
+    mux.command = observer.record(Twist, '/base/cmd_vel')
+    scan = LaserScan(angle_max=6.27, angle_increment=0.0175, range_min=0.05, range_max=10.0)
+    scan.header.frame_id = 'base_link'
+    scanner = Scanner(observer, LaserScan, '/scan', scan, rate=20.0)
+    scanner.see(5.0)
+    planner = Talker(observer, Twist, '/cmd_vel_smoothed', twist(0.3), rate=20.0)
+    planner.pause()
+    idle = Talker(observer, Twist, '/idle_vel', twist(), rate=20.0)
+    zone = 'polygon_stop'
+    values = {
+        'base_frame_id': 'base_link',
+        'base_shift_correction': 'false',
+        'source_timeout': '1.0',
+        'polygons': f'[{zone}]',
+        f'{zone}.type': 'circle',
+        f'{zone}.radius': '0.5',
+        f'{zone}.action_type': 'stop',
+        f'{zone}.visualize': 'false',
+        'observation_sources': '[scan]',
+        'scan.type': 'scan',
+        'scan.topic': '/scan',
+    }
+    words = [word for key, value in values.items() for word in ('-p', f'{key}:={value}')]
+
+    def follows(*expected: float) -> None:
+        mux.wait(lambda: mux.demand == expected, f'{expected}')
+
+    def stays() -> None:
+        follows(0.0, 0.0)
+        observer.holds_for(lambda: mux.says('ACTIVE') and not any(mux.demand), 3.0)
+
+    with (
+        twist_mux(observer, 'nav2', '', 'plan_vel'),
+        running('nav2_collision_monitor', 'collision_monitor', *words) as monitor,
+    ):
+        try:
+            for transition in ('configure', 'activate'):
+                assert observer.change_state('/collision_monitor', transition)
+            mux.ready()
+            mux.wait(lambda: mux.explains('~/select_autonomy'), 'rested autonomy')
+            assert mux.select_autonomy().success
+            planner.resume()
+            follows(0.3, 0.0)
+            scanner.see(0.3)
+            stays()
+            yield 'an obstacle: zero for 3 s, and control stays'
+            scanner.see(5.0)
+            follows(0.3, 0.0)
+            scanner.pause()
+            stays()
+            yield 'it is gone: motion; the laser is silent: zero'
+            scanner.resume()
+            follows(0.3, 0.0)
+            monitor.kill()
+            stays()
+            yield 'SIGKILL of the monitor in motion: zero'
+        finally:
+            for talker in (scanner, planner, idle):
                 talker.leave()
             mux.close()
 
@@ -284,6 +364,7 @@ def rosbag2(observer: Observer) -> Iterator[str]:
 PEERS = {
     'lock': ('twist_mux', lock),
     'nav2_in': ('twist_mux', nav2_in),
+    'collision_monitor': ('nav2_collision_monitor', collision_monitor),
     'aggregator': ('diagnostic_aggregator', aggregator),
     'lifecycle_manager': ('nav2_lifecycle_manager', lifecycle_manager),
     'rosbag2': ('rosbag2_transport', rosbag2),
