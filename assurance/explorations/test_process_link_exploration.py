@@ -425,7 +425,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (9693, 142240),
-    'commands': (4531, 55320),
+    'device': (10378, 152323),
+    'commands': (5322, 65313),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=1000)
