@@ -363,7 +363,7 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'drive': (9472, 110878),
+    'drive': (34182, 397674),
     'mux': (14827, 151431),
     'silence': (7444, 61706),
     'one read': (34775, 599105),
