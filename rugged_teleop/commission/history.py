@@ -23,7 +23,7 @@ class History:
     Values by channel: 'state', 'status' (its fields), 'enabled', 'command' and 'joints' (by name),
     'estop NAME', 'joy NAME' (axes, buttons), 'raw' (of ~/raw). 'joints' are of the mux's feedback,
     or of each drive's where it has none. 'enabled': any drive is, and 'enabled NODE' this one;
-    where the mux hears no drive, that the mux does not hold it at rest.
+    where the mux hears no drive, that the mux is neither STOPPED nor READY.
 
     :param epoch: seconds since 1970 at which the clock was 0, for the labels of ~/raw.
     """

@@ -233,7 +233,9 @@ def moving(operator: str, standstill: float) -> Look:
         moves = min(speeds) > standstill if speeds else told and all(told)
         if not owns or not moves or now - marks['since'] <= _MOVES:
             return None
-        return Seen(True, f'it moves, at {speeds[-1]:.2f} rad/s' if speeds else 'it is told to')
+        return Seen(
+            True, f'it moves, at {speeds[-1]:.2f} rad/s' if speeds else 'it is told to move'
+        )
 
     return look
 
