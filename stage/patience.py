@@ -55,7 +55,11 @@ process.ProcessLink.TIMES = replace(
 )
 vars(link).update(INPUT_LIMIT=patient_wire.FROZEN_TIME, REQUEST_LIMIT=TIMEOUT_FACTOR)
 vars(runner).update(_ACKNOWLEDGE_LIMIT=TIMEOUT_FACTOR)
-vars(course).update(FIND_LIMIT=20.0 * TIMEOUT_FACTOR, STALL_LIMIT=TIMEOUT_FACTOR)
+vars(course).update(
+    ALONE_TIME=TIMEOUT_FACTOR * course.ALONE_TIME,
+    FIND_LIMIT=20.0 * TIMEOUT_FACTOR,
+    STALL_LIMIT=TIMEOUT_FACTOR,
+)
 vars(commander).update(SILENCE_LIMIT=TIMEOUT_FACTOR)
 course._LIMITS.update(dict.fromkeys(course._LIMITS, 20.0 * TIMEOUT_FACTOR))
 vars(input_guard).update(_FREEZE=patient_wire.FROZEN_TIME, _SETTLING_TIME=patient_wire.FROZEN_TIME)

@@ -63,6 +63,7 @@ class Phase(Enum):
 
 
 _STAYS_ENABLED = 'the drive does not say that it is disabled'
+_ENDING = (Phase.DISABLING, Phase.WATCHING, Phase.DONE)  # another commander is no reason to wait
 _LIMITS = {Phase.NEUTRAL: HEALTHY_LIMIT, Phase.ENABLING: ENABLE_LIMIT}
 
 
@@ -89,7 +90,7 @@ class Course:
         """Stop; where nothing was published yet, end."""
         if self.phase is Phase.WAITING:
             self._enter(Phase.DONE, now)
-        elif self.phase in (Phase.DISABLING, Phase.WATCHING, Phase.DONE):
+        elif self.phase in _ENDING:
             return
         else:
             self._enter(Phase.DISABLING, now)
@@ -113,7 +114,7 @@ class Course:
             return None
         moving = self.phase is Phase.MOVING
         enable = self.phase in (Phase.ENABLING, Phase.MOVING, Phase.RESTING)
-        estop = self.phase in (Phase.DISABLING, Phase.WATCHING)
+        estop = self.phase in _ENDING
         return Order(self._value if moving else None, enable, estop=estop)
 
     def _enter(self, phase: Phase, now: float) -> None:
@@ -122,6 +123,8 @@ class Course:
     def _problem(self, facts: Facts, now: float) -> str:
         """Say what ends the course early."""
         age = now - self._since
+        if self.phase in _ENDING:
+            return ''
         if facts.others:
             return (
                 f'somebody else publishes {" and ".join(facts.others)}: stop the mux or the other '

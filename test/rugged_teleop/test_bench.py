@@ -148,6 +148,15 @@ def test_whatever_goes_wrong_amid_is_a_stop(facts: Facts, says: str) -> None:
     assert says in trial.course.problem
 
 
+def test_other_publisher_that_stays_does_not_keep_the_trial_from_its_end() -> None:
+    trial = Trial().moving()
+    other = replace(READY, others=('/x/enable',))
+    trial.run(replace(other, enabled=True), 0.5)
+    assert trial.run(other, course.DISABLE_TIME + course.WATCH_TIME + 4 * TICK) is None
+    assert trial.course.phase is Phase.DONE
+    assert 'somebody else' in trial.course.problem
+
+
 def test_stop_amid_enabling_is_one() -> None:
     """It may have gone by the next step, and nobody would know of it."""
     trial = Trial().enabling()
