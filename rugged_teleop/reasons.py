@@ -29,6 +29,8 @@ _CODE = re.compile(
     r'(?:ros2|candump) .+|~/\w+|\b[a-z]+\.[\w<>.]+|\b\w+_\w+\b'
 )  # what a page shows as code
 _WORD = re.compile(r'[\w~/]+')
+_SMALL = {*'a an and as at by for from in it its of on or that the this to with'.split()}
+_SAID = 'as it says'
 
 
 @cache
@@ -131,14 +133,18 @@ def _who(entry: Entry) -> str:
 
 
 def _steps(entry: Entry, folder: str) -> str:
-    """Return the steps, unless every sentence of it says all of them itself."""
-    steps = [_words(each) for each in entry.steps]
-    says_all = all(step in _words(each) for each in entry.says for step in steps)
-    text = '. '.join(_CODE.sub(r'`\g<0>`', step) for step in entry.steps)
-    text = 'as it says' if says_all else text
+    """Return the steps; those that every sentence of it says itself only if they are short."""
+    sentences = [_content(each) for each in entry.says]
+    said = [each for each in entry.steps if all(_content(each) <= words for words in sentences)]
+    steps = [each for each in entry.steps if each not in said]
+    if steps and len(' '.join(said).split()) <= len(_SAID.split()):
+        steps = [*entry.steps]
+    elif said:
+        steps = [_SAID, *steps]
+    text = '. '.join(_CODE.sub(r'`\g<0>`', step) for step in steps)
     return f'{text} ([more]({folder}{entry.more}))' if entry.more else text
 
 
-def _words(text: str) -> str:
-    """Return a text's words alone, in small letters, for a comparison."""
-    return f' {" ".join(_WORD.findall(text.lower()))} '
+def _content(text: str) -> set[str]:
+    """Return the words that tell one step from another, in small letters."""
+    return {*_WORD.findall(text.lower())} - _SMALL
