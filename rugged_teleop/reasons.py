@@ -29,7 +29,7 @@ _CODE = re.compile(
     r'(?:ros2|candump) .+|~/\w+|\b[a-z]+\.[\w<>.]+|\b\w+_\w+\b'
 )  # what a page shows as code
 _WORD = re.compile(r'[\w~/]+')
-_SMALL = {*'a an and as at by for from in it its of on or that the this to with'.split()}
+_SMALL = {*_WORD.findall('a an and as at by for from in it its of on or that the this to with')}
 _SAID = 'as it says'
 
 

@@ -147,18 +147,22 @@ def test_steps_of_a_code_are_said_once_with_who_is_concerned(
 
 
 @pytest.mark.parametrize(
-    ('sentence', 'cell'),
+    ('sentence', 'more', 'cell'),
     [
-        ('charge the remote: its battery is at … %', 'as it says'),
-        ('its battery is at … %', 'Charge the remote'),
-        ('charge the remotes', 'Charge the remote'),
+        ('charge the remote: its battery is at … %', '', 'as it says'),
+        ('the battery of a remote is at … %: charge it', '', 'as it says'),
+        ('its battery is at … %', '', 'Charge the remote'),
+        ('charge the remotes', '', 'Charge the remote'),
+        ('charge the remote', 'Reset', 'Charge the remote. Reset'),
+        ('charge the remote; keep it dry', 'Keep it dry\n    -> Reset', 'as it says. Reset'),
     ],
 )
-def test_page_repeats_no_step_that_the_sentence_says(sentence: str, cell: str) -> None:
+def test_page_repeats_no_step_that_the_sentence_says(sentence: str, more: str, cell: str) -> None:
+    steps = 'Charge the remote' + f'\n    -> {more}' * bool(more)
     table = entries(f"""
 x.low: note, operator: It is low
     {sentence}
-    -> Charge the remote
+    -> {steps}
 """)
     assert markdown_table(table, 'message').splitlines()[-1].endswith(f'| operator | {cell} |')
 
