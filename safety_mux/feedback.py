@@ -34,7 +34,8 @@ class FeedbackInput(Input):
         self.stop_time = stop_time
         self._unknown: Demand = (math.inf,) * len(config.joints)
         self.speeds = self._unknown
-        self._at_zero = False  # the speeds were measured since the command became 0
+        self._at_zero = False  # the speeds were heard since the command became 0
+        self._zero_at = -math.inf  # when it did
         self.fault: Coded | None = None
         self._told_at: float | None = None  # set: they are on their way to standstill
         self._fast_since: dict[str, float] = {}  # by joint
@@ -59,15 +60,20 @@ class FeedbackInput(Input):
         """Whether control has ended, and the joints were not seen to stand since."""
         return self._told_at is not None
 
+    @property
+    def _is_news(self) -> bool:
+        """Whether the speeds were measured since the command became 0, as far as is proven."""
+        return self._at_zero and (self.age is None or self.age.age(self._zero_at) <= 0.0)
+
     def standing(self, now: float) -> bool:
         """Return whether all joints stand, measured since the command became 0."""
-        return self._slow and self._at_zero and self.usable(now)
+        return self._slow and self._is_news and self.usable(now)
 
     def left(self, now: float) -> str:
         """Return in words what is left of the motion."""
         problem = self.problem(now)
         if problem is None and (
-            self.speeds == self._unknown or (self._slow and not self._at_zero)
+            self.speeds == self._unknown or (self._slow and not self._is_news)
         ):
             return 'not measured since'
         return problem or f'left at {max(map(abs, self.speeds)):.1f} rad/s'
@@ -85,11 +91,12 @@ class FeedbackInput(Input):
     def continue_from(self, before: 'FeedbackInput') -> None:
         """Wait for the standstill that the one before, of the same joints, has not seen."""
         self.fault, self._told_at = before.fault, before._told_at
+        self._zero_at = before._zero_at
 
     def judge(self, commanded: Demand, now: float) -> None:
         """Compare what was measured with what is commanded; call it once a tick or more often."""
         if any(commanded):
-            self._at_zero = False
+            self._at_zero, self._zero_at = False, now
         if self.standing(now):
             self.fault = self._told_at = None
             self._fast_since.clear()

@@ -279,15 +279,18 @@ class DriveInput(Input):
         )
         self._is_expected = bool(name) or required
         self.known = self.value = False
+        self._disabled_at = -math.inf  # by the newest plain message
 
     def enabled(self, value: bool, now: float) -> None:
         """Record what it says. Where it proves ages, a message alone enables nothing."""
+        if not value:
+            self._disabled_at = now
         self._take(value and (self.value or self.age is None), now)
 
     def proof(self, heard: Heard, now: float) -> None:
-        """Record a proof of its node."""
+        """Record a proof of its node; one that was asked for before it dropped out is no news."""
         self.prove(heard.as_of, now)
-        self._take(heard.enable, now)
+        self._take(heard.enable and (self.value or heard.as_of >= self._disabled_at), now)
 
     def _take(self, value: bool, now: float) -> None:
         self.well_formed(now)

@@ -286,6 +286,7 @@ def proven(enable: bool, as_of: float) -> Heard:
         ('auto', [proven(False, 1.0), True], False, ''),  # alone it enables nothing
         ('auto', [proven(True, 1.0), False, True], False, ''),
         ('auto', [proven(True, 1.0), False, proven(True, 1.0)], True, ''),
+        ('auto', [proven(True, 0.9), False, proven(True, 0.9)], False, ''),  # asked for before
         ('auto', [proven(True, 1.0 - LIMIT - 0.125)], False, 'up to 375 ms old, limit 250 ms'),
         ('auto', [proven(True, -math.inf)], False, 'its node proves no age'),
     ],

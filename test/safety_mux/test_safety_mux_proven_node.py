@@ -152,6 +152,21 @@ def test_feedback_that_is_old_is_as_good_as_none_though_it_comes_and_proofs_are_
     assert rig.age('drive', '') == pytest.approx(0.0, abs=1e-9)
 
 
+def test_speed_of_before_the_command_was_0_is_no_standstill_though_it_comes_after() -> None:
+    rig, standing = Rig(), []
+    feedback = rig.arbiter.feedback
+    assert feedback is not None
+    rig.hear(FEEDBACK, 1)
+    rig.turn()
+    feedback.judge((1.0,), rig.now + 0.01)
+    rig.hear(FEEDBACK, 2)
+    feedback.measured((0.0,), rig.now + 0.02)
+    for _ in range(2):
+        standing.append(feedback.standing(rig.now + 0.02))
+        rig.turn()
+    assert standing == [False, True]
+
+
 @pytest.mark.parametrize(
     ('given', 'proven'),
     [
