@@ -253,7 +253,7 @@ class Wire(Generic[FrameT]):
 
     def _deactivate(self, now: float) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
-        if self._opener.port is None and now >= self._open_at:  # just now: it may be moving
+        if self._opener.port is None and self._open_at < math.inf:  # the device may be moving
             self._guarded(self._start_opening)
         self._wait_for_port()
         now = clock.now()

@@ -96,7 +96,7 @@ def is_lost_again_and_again(bench: WireBench) -> None:
     [
         (stays_absent, [0.1, 0.2, 0.4, 0.4, 0.4]),
         (stays_absent_by_default, [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]),
-        (is_activated_anew, [0.1]),
+        (is_activated_anew, [0.0, 0.1]),  # the one before it for its farewell
         (gets_no_thread, [0.1, 0.2, 0.4, 0.4]),
         (is_lost_before_it_is_healthy, [0.1, 0.2, 0.4]),
         (is_lost_again_and_again, [0.1, 0.1, 0.1]),
@@ -799,6 +799,20 @@ def test_deactivation_behind_an_activation_opens_the_port_for_it(bench: WireBenc
     assert bench.ends == [(1, ''), (2, '')]
     bench.go_on(1.0)
     assert len(bench.tried_at) == 1
+
+
+def test_deactivation_tries_a_lost_port_again_for_the_farewell(bench: WireBench) -> None:
+    """Its device may be back, and hold what it was told last."""
+    bench.run()
+    fails(bench.port, 'open', 'no such port')
+    bench.lose()
+    bench.go_on(0.5)
+    bench.port.faults.clear()
+    bench.port.sent.clear()
+    bench.deactivate()
+    assert bench.port.sent == FAREWELL
+    assert bench.wire.left_safe
+    assert not bench.port.is_open
 
 
 @pytest.mark.parametrize(
