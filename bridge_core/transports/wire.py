@@ -267,8 +267,12 @@ class Wire(Generic[FrameT]):
         if was_open:
             with contextlib.ExitStack() as last:  # last one first, and each if another one fails
                 last.callback(active.transport.close)
-                # The stop is published before the port is closed, which may take a while.
-                last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
+                # The stop is published before the port is closed, which may take a while. To the
+                # session that would be why.
+                stop = StopChanged(Verdict.stop(NOT_ACTIVE, link_up=False))
+                last.callback(
+                    lambda: self._owner.on_events([stop, *active.session.closed(now)], now)
+                )
                 self._say_farewell(active, NOT_ACTIVE)
         self._left = active.session
 

@@ -704,6 +704,7 @@ def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> 
     bench.deactivate()
     assert bench.now == then
     assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
+    assert bench.owner.verdicts[-2].reasons == ('the node is not active',)
     assert [frame for frame, _ in bench.session.told_sent][-2:] == [b'bye 1', b'bye 2']
     assert not bench.port.is_open
     assert bench.ends[-1] == (2, '')
@@ -852,7 +853,7 @@ def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
     bench.deactivate()
     assert bench.now - then == pytest.approx(0.25)
     assert bench.log() == ['stop True', 'sent bye 1', 'sent bye 2', 'event closed']
-    assert bench.owner.verdicts[-2].reasons == ('the node is not active',)
+    assert bench.owner.verdicts[-3].reasons == ('the node is not active',)
     assert max(gaps(bench.owner.paced)) == pytest.approx(PACE)
     assert bench.wire.left_safe
 
