@@ -47,6 +47,7 @@ _HINTS = {
     ),
 }
 _FINISH_TIMEOUT = 0.05  # s
+_READ_TIMEOUT = 0.5  # s, after which a thread that reads a URL port looks whether there is one
 _WRITE_TIMEOUT = 0.05  # s, after which a line that takes nothing counts as stalled
 
 
@@ -92,7 +93,8 @@ class SerialTransport:
 
     def _open_serial(self) -> Any:
         # rfc2217:// accepts no write_timeout, so it is not used at all.
-        options: dict[str, Any] = {} if '://' in self.name else {'timeout': 0, 'exclusive': True}
+        local, url = {'timeout': 0, 'exclusive': True}, {'timeout': _READ_TIMEOUT}
+        options: dict[str, Any] = url if '://' in self.name else local
         return serial.serial_for_url(self.name, baudrate=self._baud, **options)
 
     def _prepare(self, port: Any) -> None:
@@ -246,8 +248,8 @@ class _Pump:
 
     def _inward(self) -> None:
         with contextlib.suppress(Exception):
-            while data := self._port.read(max(1, self._port.in_waiting)):
-                self._theirs.sendall(data)
+            while self._ours.fileno() >= 0:
+                self._theirs.sendall(self._port.read(max(1, self._port.in_waiting)))
         _quietly(self._theirs.shutdown, socket.SHUT_RDWR)
 
     def _outward(self) -> None:

@@ -73,6 +73,7 @@ class Wire(Generic[FrameT]):
         self._open_at = math.inf
         self._pace_at = self._complain_at = self._stepped_at = 0.0
         self.left_safe = True  # no device, or the farewell was said to it
+        self._leaves = False  # the stop of that is told, and nothing that comes ends it
         self._quit = False  # there will be no more requests
 
     def run(self) -> None:
@@ -252,7 +253,7 @@ class Wire(Generic[FrameT]):
 
     def _deactivate(self, now: float) -> None:
         """Send the farewell and close the port, one that is just being opened included."""
-        if self._opener.port is None and now >= self._open_at:  # just now: it may be moving
+        if self._opener.port is None and self._open_at < math.inf:  # the device may be moving
             self._guarded(self._start_opening)
         self._wait_for_port()
         now = clock.now()
@@ -262,13 +263,18 @@ class Wire(Generic[FrameT]):
         self.status.is_open, self.status.error = False, NOT_ACTIVE
         if active is None:
             return
-        self._left = active.session
+        self._left = None  # or pace() would close the session before its farewell
         if was_open:
             with contextlib.ExitStack() as last:  # last one first, and each if another one fails
                 last.callback(active.transport.close)
-                # The stop is published before the port is closed, which may take a while.
-                last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
-                self._say_farewell(active)
+                # The stop is published before the port is closed, which may take a while. To the
+                # session that would be why.
+                stop = StopChanged(Verdict.stop(NOT_ACTIVE, link_up=False))
+                last.callback(
+                    lambda: self._owner.on_events([stop, *active.session.closed(now)], now)
+                )
+                self._say_farewell(active, NOT_ACTIVE)
+        self._left = active.session
 
     def _wait_for_port(self) -> None:
         """Wait for a port that is being opened, but not for ever."""
@@ -297,18 +303,25 @@ class Wire(Generic[FrameT]):
         self._stepped_at = clock.now()  # no freeze
         return bool(found)
 
-    def _say_farewell(self, active: Active[FrameT]) -> None:
+    def _say_farewell(self, active: Active[FrameT], why: str) -> None:
         with contextlib.suppress(Exception):  # the device is left safe whatever fails here
-            self._wait_for_turn(active)
+            self._wait_for_turn(active, why)
+        self._leaves = False
         error = active.say_farewell(clock.now())
         self.left_safe = not error
         if error:
             self._owner.link_changed(f'no farewell: {error}', False)
 
-    def _wait_for_turn(self, active: Active[FrameT]) -> None:
-        """Receive until the session may leave, but not for ever."""
-        end = clock.now() + _TURN_TIME
+    def _wait_for_turn(self, active: Active[FrameT], why: str) -> None:
+        """Receive until the session may leave, but not for ever; the stop is published before."""
+        now = clock.now()
+        end = now + _TURN_TIME
         while (left := min(end, active.session.leaves_at()) - clock.now()) > 0.0:
+            if not self._leaves:
+                reason = passed_on(why, why, 'port.closed')
+                stop = Verdict.stop(reason, link_up=active.session.link_up)
+                self._tell([StopChanged(stop)], now)
+                self._leaves = True
             if self._pause(active.transport.fileno(), left):
                 active.receive(clock.now())
 
@@ -325,6 +338,8 @@ class Wire(Generic[FrameT]):
             self._backoff = BACKOFF_START
 
     def _tell(self, events: Sequence[Any], now: float) -> None:
+        if self._leaves:
+            events = [e for e in events if not isinstance(e, StopChanged) or e.verdict.estop]
         self._owner.on_events(events, now)
         if any(isinstance(event, StopChanged) for event in events):
             self._reporter.look_at = now + _WORDS_TIME  # its reason is in the report
@@ -392,7 +407,7 @@ class Wire(Generic[FrameT]):
                 last.callback(lambda: self._owner.on_events(active.session.closed(now), now))
             last.callback(self._retry_later, error, now)
             if was_open and at_fault:
-                self._say_farewell(active)
+                self._say_farewell(active, error)
 
     def _retry_later(self, error: str, now: float) -> None:
         news = self.status.is_open or self.status.error != error

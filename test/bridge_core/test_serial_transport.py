@@ -24,7 +24,7 @@ from bridge_core.transports import serial as serial_transport, TransportError
 from bridge_core.transports.line import Line
 from bridge_core.transports.serial import SerialTransport
 from bridge_core.transports.serial_name import check_serial_port
-from stage.port_rig import Peer, PtyPeer, Rfc2217Peer, TcpPeer
+from stage.port_rig import Peer, PtyPeer, readable, Rfc2217Peer, TcpPeer
 from stage.rig import Pty, TIMEOUT_FACTOR, wait_for
 
 PEERS = {'pty': PtyPeer, 'socket': TcpPeer, 'rfc2217': Rfc2217Peer}
@@ -310,3 +310,18 @@ def test_second_node_of_this_computer_at_a_serial_server_is_refused(kind: type[T
         first.close()
         second.open()
     peer.unplug()
+
+
+@pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
+def test_server_that_ends_the_thread_of_its_driver_is_a_lost_port() -> None:
+    """pyserial's own ends at what it cannot read, and without a word to who waits for bytes."""
+    before = threading.active_count()
+    peer: Any = Rfc2217Peer()
+    peer.transport.open()
+    wait_for(lambda: peer._client is not None, 2.0, 'a client')
+    peer._client.sendall(b'\xff\xf0')  # IAC SE: the end of what never began
+    wait_for(lambda: readable(peer.transport), 5.0, 'a sign')
+    with pytest.raises(TransportError, match='unplugged'):
+        peer.transport.receive()
+    peer.close()
+    wait_for(lambda: threading.active_count() <= before, 5.0, 'the end of its threads')

@@ -96,7 +96,7 @@ def is_lost_again_and_again(bench: WireBench) -> None:
     [
         (stays_absent, [0.1, 0.2, 0.4, 0.4, 0.4]),
         (stays_absent_by_default, [0.1, 0.2, 0.4, 0.8, 1.0, 1.0]),
-        (is_activated_anew, [0.1]),
+        (is_activated_anew, [0.0, 0.1]),  # the one before it for its farewell
         (gets_no_thread, [0.1, 0.2, 0.4, 0.4]),
         (is_lost_before_it_is_healthy, [0.1, 0.2, 0.4]),
         (is_lost_again_and_again, [0.1, 0.1, 0.1]),
@@ -704,6 +704,7 @@ def test_deactivation_says_farewell_then_stops_then_closes(bench: WireBench) -> 
     bench.deactivate()
     assert bench.now == then
     assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
+    assert bench.owner.verdicts[-2].reasons == ('the node is not active',)
     assert [frame for frame, _ in bench.session.told_sent][-2:] == [b'bye 1', b'bye 2']
     assert not bench.port.is_open
     assert bench.ends[-1] == (2, '')
@@ -801,6 +802,20 @@ def test_deactivation_behind_an_activation_opens_the_port_for_it(bench: WireBenc
     assert len(bench.tried_at) == 1
 
 
+def test_deactivation_tries_a_lost_port_again_for_the_farewell(bench: WireBench) -> None:
+    """Its device may be back, and hold what it was told last."""
+    bench.run()
+    fails(bench.port, 'open', 'no such port')
+    bench.lose()
+    bench.go_on(0.5)
+    bench.port.faults.clear()
+    bench.port.sent.clear()
+    bench.deactivate()
+    assert bench.port.sent == FAREWELL
+    assert bench.wire.left_safe
+    assert not bench.port.is_open
+
+
 @pytest.mark.parametrize(
     ('busy', 'seconds', 'sent', 'said'),
     [
@@ -837,13 +852,17 @@ def test_farewell_waits_for_its_turn_a_quarter_of_a_second_and_then_goes(
     then = bench.now
     bench.deactivate()
     assert bench.now - then == pytest.approx(0.25)
-    assert bench.log()[:2] == ['sent bye 1', 'sent bye 2']
+    assert bench.log() == ['stop True', 'sent bye 1', 'sent bye 2', 'event closed']
+    assert bench.owner.verdicts[-3].reasons == ('the node is not active',)
     assert max(gaps(bench.owner.paced)) == pytest.approx(PACE)
     assert bench.wire.left_safe
 
 
-def test_turn_of_a_farewell_comes_with_what_is_heard(bench: WireBench) -> None:
+def test_turn_of_a_farewell_comes_with_what_is_heard_which_ends_no_stop(
+    bench: WireBench,
+) -> None:
     def hear() -> None:
+        bench.session.verdict = Verdict.stop()  # the answer ends it
         bench.port.say(b'answer')
         bench.session.leaves = bench.now + 0.01
         bench.during_wait = lambda: None
@@ -853,8 +872,18 @@ def test_turn_of_a_farewell_comes_with_what_is_heard(bench: WireBench) -> None:
     bench.during_wait = lambda: hear() if bench.now > then + 0.1 else None
     then = bench.now
     bench.deactivate()
-    assert bench.log()[:3] == ['event heard', 'sent bye 1', 'sent bye 2']
+    assert bench.log()[:4] == ['stop True', 'event heard', 'sent bye 1', 'sent bye 2']
     assert bench.now - then == pytest.approx(0.13)
+
+
+def test_owner_that_lost_something_closes_no_session_before_its_farewell(
+    bench: WireBench,
+) -> None:
+    bench.run()
+    bench.session.leaves = math.inf
+    bench.owner.on_pace = lambda now: bench.wire.interrupt('something was lost', now)
+    bench.deactivate()
+    assert bench.session.calls.index('farewell') < bench.session.calls.index('closed')
 
 
 @pytest.mark.parametrize('unplugged', [False, True])
@@ -869,7 +898,7 @@ def test_farewell_is_said_whatever_fails_while_it_waits_for_its_turn(
         bench.port.say(b'answer')
         bench.session.faults.add('receive')
     bench.deactivate()
-    assert bench.log() == ['sent bye 1', 'sent bye 2', 'stop True', 'event closed']
+    assert bench.log() == ['stop True', 'sent bye 1', 'sent bye 2', 'event closed']
 
 
 def test_farewell_to_a_lost_port_is_told_and_still_stops_and_closes(bench: WireBench) -> None:
