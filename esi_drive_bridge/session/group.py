@@ -369,12 +369,12 @@ class AxisGroup:
 
     def _proceed(self, now: float) -> None:
         """
-        Begin to enable if there is a command.
+        Begin to enable if there is a command, and the last stop went out.
 
         An axis in position mode is to stay where it stands, which only a status that comes now
         tells: the one before may be as old as link_timeout.
         """
-        if self.gate.proceed(now):
+        if not self.urgent and self.gate.proceed(now):
             self.phase = Phase.ENABLING
             self._until = now + self._settings.enable_timeout
             self._counts = self._standing()

@@ -85,7 +85,7 @@ class AuxOutputCommands:
         self._levels: dict[int, bool] = {}  # by place, 0 to 5, what we have set
         self._seen: tuple[bool, ...] = ()  # of the pins, in the newest message
         self._pulsing: set[int] = set()  # free running outputs that we have set
-        self._queue: list[bytes] = []  # what is asked for and did not go out
+        self._queue: list[bytes] = []  # what did not go out: a stop, or what is asked for
         self._undone_levels = False  # all of them, as they are to be
         self._undone_pulses: set[int] = set()
         self._undos = Pacer(_UNDO_PERIOD)
@@ -193,21 +193,24 @@ class AuxOutputCommands:
         """Send all levels as they are to be, and no pulses of these places and those before."""
         self._undone_levels |= bool(self._levels)
         self._undone_pulses |= set(pulsing)
-        self._undos.start(now)
-        self._undos_left = UNDO_FRAMES
+        self._queue.insert(0, self._undo())  # what is asked next does not end it unsent
+        self._undos.start(now + _UNDO_PERIOD)
+        self._undos_left = UNDO_FRAMES - 1
+
+    def _undo(self) -> bytes:
+        levels = self._all_levels() if self._undone_levels else None
+        return AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0))).to_bytes()
 
     def frames(self, now: float, *, at_once: bool = False) -> list[bytes]:
         """
-        Return the messages to be sent: one that is asked for at most, so that none overtakes it.
+        Return the message to be sent, so that none overtakes another; none: it is not time.
 
         :param at_once: do not wait for the time of one that is to undo something.
         """
-        frames = self._queue[:1]
-        if self._undos_left and (at_once or self._undos.is_due(now)):
-            levels = self._all_levels() if self._undone_levels else None
-            undo = AuxOutputs(levels, _at(dict.fromkeys(self._undone_pulses, 0)))
-            frames.append(undo.to_bytes())
-        return frames
+        if self._queue:
+            return self._queue[:1]
+        is_due = self._undos_left and (at_once or self._undos.is_due(now))
+        return [self._undo()] if is_due else []
 
     def note_sent(self, frame: bytes, now: float) -> None:
         """Note that one of these messages went out."""

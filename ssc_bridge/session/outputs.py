@@ -112,7 +112,7 @@ class Outputs:
         self._pacer = Pacer(1.0 / settings.command_rate)
         self._stepped = -math.inf
         self._urgent = False  # a failsafe has begun, and what was sent before is in force
-        self._returns = False  # the next message is the first one after a gap
+        self._fails_first = False  # the next message brings failsafes, whatever is asked meanwhile
         self._in_use = bool(settings.servos)  # outputs are ours: there is something to undo
         self._release_frames = max(RELEASE_FRAMES, math.ceil(RELEASE_TIME * settings.command_rate))
         self._looks_until: float | None = None  # at least, while something to be held is sought
@@ -124,7 +124,7 @@ class Outputs:
         """Take the outputs as ours, as a session before this one has left them."""
         self.claim()
         self.sent = tuple(states)
-        self._returns = True
+        self._fails_first = True
         for channel, state in zip(self._channels, states, strict=False):
             channel.go_on(state)
 
@@ -149,7 +149,7 @@ class Outputs:
         """Send no more: the port is closed, and all commands are forgotten."""
         self._pacer.stop()
         self._urgent = False
-        self._returns = bool(self.sent)
+        self._fails_first = bool(self.sent)
 
     def ask(self, number: int, us: float, now: float) -> None:
         """Command an output, 1 to 23, in µs; 0 is no pulse."""
@@ -158,7 +158,9 @@ class Outputs:
 
     def forget_commands(self) -> list[str]:
         """Forget all commands: every output goes to its failsafe; return who was commanded."""
-        return self._drop([channel for channel in self._channels if channel.command.heard])
+        names = self._drop([channel for channel in self._channels if channel.command.heard])
+        self._fails_first |= self._urgent
+        return names
 
     def expire(self, now: float) -> list[str]:
         """Forget commands that are stale; return whose they were."""
@@ -199,7 +201,7 @@ class Outputs:
         # After a stall a servo must not jump by all the time that was lost.
         seconds = min(max(now - self._stepped, 0.0), 2.0 * self._pacer.period)
         channels = self._channels[:count]
-        if self._returns:  # the failsafe comes first, however soon somebody commands anew
+        if self._fails_first:  # however soon somebody commands anew
             for channel in channels:
                 channel.command.reset()
         states = tuple(channel.after(seconds) for channel in channels)
@@ -220,7 +222,7 @@ class Outputs:
 
     def _step_on(self, now: float) -> None:
         self._pacer.sent(now)
-        self._stepped, self._urgent, self._returns = now, False, False
+        self._stepped, self._urgent, self._fails_first = now, False, False
 
     def expires_at(self) -> float:
         """Return when the next command becomes stale."""

@@ -119,7 +119,7 @@ EDGES: dict[str, tuple[list[Step], Phase, str]] = {
     'warning': ([Rig.start, 150, status(0x11, 1)], ENABLED, ''),
     'false and true at once': (
         [Rig.start, quietly('set_enable', False), ask('set_enable', True)],
-        ENABLING,
+        WAITING,  # for the packet that disables
         '',
     ),
     'cleared': (
@@ -732,12 +732,21 @@ def test_whatever_stays_here_the_drive_hears_no_step(
             assert abs(now) <= (abs(was) if was * now > 0 else 0) + STEP + 1
 
 
+AGAIN = (  # the stop is over, and all that enables was heard anew
+    *(ask('set_estop', False), ask('set_enable', False), ask('set_enable', True)),
+    *(ask('set_command', (5.0, 5.0)), RUNNING),
+)
+
+
+@pytest.mark.parametrize('again', [(), AGAIN])
 @pytest.mark.parametrize('rate', [1.0, 100.0, 1000.0])
-def test_stop_that_stays_here_is_offered_until_it_goes_out(rate: float) -> None:
+def test_stop_that_stays_here_is_offered_until_it_goes_out(
+    rate: float, again: tuple[Step, ...]
+) -> None:
     rig = Rig(command_rate=rate)
     rig.start_slowly()
     before = len(rig.frames)
-    play(rig, {'busy': True}, ask('set_estop', True))
+    play(rig, {'busy': True}, ask('set_estop', True), *again)
     for _ in range(5):
         assert rig.session.deadline() <= rig.now  # the wire waits before it tries again
         play(rig, 0.001, poll)

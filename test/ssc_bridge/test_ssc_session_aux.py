@@ -204,6 +204,8 @@ UNDONE = [  # settings, what happens after the start, and all that is sent after
     ({}, 'busy; aux 6P0.1; estop!; free; 20', []),
     ({}, 'busy; aux 5P0.0015 6P0.1; estop!; free; estop; 120', ['00100000'] * UNDO_FRAMES),
     (KEPT, 'busy; aux 5P0.0015 6P0.1; estop!; free; estop; 120', ['003002ee030d']),
+    # What is asked for next does not overtake the stop.
+    ({}, SET + 'busy; estop!; clear!; aux 5P0.001; free; 1', [UNDO, '001001f4']),
     # Kept outputs are left alone, and obey during a stop.
     (KEPT, SET + 'estop; 20; aux 4L0', ['8000']),
     (KEPT, 'mute 14; lost; 40; aux 6P0.1; mark; aux 3L0 4L1; aux 4L0', ['8800', '8000']),
