@@ -208,7 +208,7 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._lateness.passed()
         elif arrival is Arrival.NEW:
             self._lateness.heard(packet.serial, now)
-        elif packet.serial < WINDOW and arrival is not Arrival.LATE and not self.link_up:
+        elif packet.serial < WINDOW and arrival is Arrival.OLD and not self.link_up:
             # A base unit that was restarted: its numbers may go on by luck. Greater ones are more
             # likely copies that came a slower way, whose next packets are late.
             self._lateness.begin()
