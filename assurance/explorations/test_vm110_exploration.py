@@ -225,7 +225,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'device': (2430, 26606),
-    'noise': (8586, 105318),
+    'noise': (5558, 65954),
     'echo': (4216, 28906),
     'twin': (53200, 386832),
 }  # states, and steps between them

@@ -210,16 +210,18 @@ def test_commands_of_the_remote_make_nothing_late_nor_hide_it() -> None:
     assert bench.session.estop
 
 
-@pytest.mark.parametrize('copies', [0, 1, 16])
-def test_slower_way_is_late_though_it_brings_copies_of_what_the_faster_has_brought(
-    copies: int,
+@pytest.mark.parametrize('first', [1000, 65500])
+@pytest.mark.parametrize(('copies', 'kept'), [(0, True), (1, True), (16, True), (16, False)])
+def test_slower_way_is_late_though_it_brings_what_is_no_newer_than_what_the_faster_has_brought(
+    copies: int, first: int, kept: bool
 ) -> None:
-    """The faster of two ways fails; copies come in the silence, and then what nobody has heard."""
+    """The faster of two ways fails; copies, or what it has lost, come in the silence at first."""
     bench = opened()
-    bench.serial = 1000
+    bench.serial = first
     packets = [bench.packet('VRPI', CENTRED) for _ in range(80)]
-    for packet in packets:
-        bench.take(packet)
+    for left, packet in zip(range(79, -1, -1), packets, strict=True):
+        if kept or left % 16 == 0:
+            bench.take(packet)
         bench.wait(PERIOD)
     bench.wait((16 - copies) * PERIOD)
     for packet in packets[len(packets) - copies :]:

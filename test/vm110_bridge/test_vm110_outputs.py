@@ -193,8 +193,11 @@ def late(bench: Bench) -> None:
     bench.hear(EXTERNAL)
 
 
+@pytest.mark.parametrize('said', [EXTERNAL, build_vrpi(bu_state=STOPPED)])
 @pytest.mark.parametrize('stop', [from_elsewhere, late])
-def test_stop_that_is_not_the_units_does_not_undo_a_hold(stop: Callable[[Bench], None]) -> None:
+def test_stop_that_is_not_the_units_does_not_undo_a_hold(
+    stop: Callable[[Bench], None], said: bytes
+) -> None:
     """Or a remote that is rearmed would close the relays while another device demands a stop."""
     bench = armed(link_timeout=2.0)
     bench.run(1.0)
@@ -203,7 +206,7 @@ def test_stop_that_is_not_the_units_does_not_undo_a_hold(stop: Callable[[Bench],
     assert not bench.session.own_estop
     before = len(bench.sent)
     stop(bench)
-    hold(bench, 0.5, EXTERNAL)
+    hold(bench, 0.5, said)
     assert bench.session.own_estop
     assert len(bench.sent) == before
 

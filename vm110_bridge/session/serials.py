@@ -8,7 +8,7 @@ A network loses, doubles and reorders datagrams. Only a packet that is newer tha
 may say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew,
 which looks like very old packets, so a new beginning has to last before it is believed. Until then
 its packets are not taken for copies of those that had their numbers: a copy comes soon, and says
-the same. After that, what comes late of the numbers before would look new: it is known by them for
+the same. One whose number is missing is late, and no beginning. After that, what comes late of the numbers before would look new: it is known by them for
 a while, and where both lines have the same numbers, by what it says.
 """
 
@@ -108,7 +108,9 @@ class SerialNumbers:
             if ahead > WINDOW > serial:  # a restart begins at 0; all else is loss
                 self._leave(newest, now)
             self._advance(serial, ahead, content)
-        elif not self._is_copy(behind, content) and self._has_restarted(serial, now, silent):
+        elif not (
+            self._is_copy(behind, content) or self._is_missing(behind)
+        ) and self._has_restarted(serial, now, silent):
             self.restarts += 1
             self._leave(newest, now)
             self._start(serial, content)
@@ -147,8 +149,13 @@ class SerialNumbers:
         """Tell whether it says the same as what came under its number, not long ago."""
         return content in self._recent[behind : behind + 1]
 
+    def _is_missing(self, behind: int) -> bool:
+        """Tell whether it has a number that did not come, not long ago."""
+        return behind < WINDOW and behind <= self._length and not self._seen >> behind & 1
+
     def _place_behind(self, behind: int, content: object) -> Arrival:
         bit, is_copy = 1 << behind, self._is_copy(behind, content)
+        is_missing = self._is_missing(behind)
         if behind < WINDOW:
             self._recent[behind] = content
         if self._seen & bit:
@@ -159,7 +166,7 @@ class SerialNumbers:
         if behind > self._length:
             return Arrival.OLD
         self.lost -= 1  # it was only late
-        return Arrival.LATE if behind < WINDOW else Arrival.OLD
+        return Arrival.LATE if is_missing else Arrival.OLD
 
     def _has_restarted(self, serial: int, now: float, silent: bool) -> bool:
         """Follow a line of growing numbers from the past; tell when it is a new beginning."""

@@ -66,6 +66,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi: PeriodicInput | None = None  # the newest, while the link is up
         self.hold_output_in_use = False
         self.hold_asked = False  # VRPO are to be withheld
+        self.output_held = False  # and they are
         self.dropped_commands = 0  # of the RU's application, while the link was down
         self.origin = Origin(settings.bu_id, whole=settings.sender_ports == 'one')
         self.controls = Controls(settings)
@@ -107,18 +108,6 @@ class Session(BaseSession[bytes, Packet, Event]):
     def faulty(self) -> tuple[str, ...]:
         """Joysticks that cannot be where the newest VRPI says they are."""
         return self.vrpi.faulty if self.vrpi is not None and self.enabled else ()
-
-    @property
-    def output_held(self) -> bool:
-        """
-        Whether VRPO are withheld.
-
-        Not while the BU holds its relays open by itself: there is nothing to add, and without VRPO
-        it could perhaps not be rearmed. Two devices that are both stopped, each waiting for the
-        other one's release, would wait for ever.
-        """
-        is_open = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
-        return self.hold_asked and not (is_open and self._stops.verdict().own_estop)
 
     def problems(self, now: float) -> list[tuple[Level, Coded]]:
         """Return stops, broken joysticks as errors, and warnings."""
@@ -219,7 +208,7 @@ class Session(BaseSession[bytes, Packet, Event]):
                 self._lateness.passed()
         elif arrival is Arrival.NEW:
             self._lateness.heard(packet.serial, now)
-        elif packet.serial < WINDOW and arrival is not Arrival.LATE and not self.link_up:
+        elif packet.serial < WINDOW and arrival is Arrival.OLD and not self.link_up:
             # A base unit that was restarted: its numbers may go on by luck. Greater ones are more
             # likely copies that came a slower way, whose next packets are late.
             self._lateness.begin()
@@ -248,8 +237,7 @@ class Session(BaseSession[bytes, Packet, Event]):
         self.vrpi, self._has_news = vrpi, True
 
     def _take_command(self, command: CommandInput, now: float) -> None:
-        unsure = self.origin.sender.is_doubled(now) or self._lateness.is_late
-        if not self.link_up or self._is_interrupted(now) or unsure:
+        if not self.link_up or self._is_interrupted(now) or self._is_unsure(now):
             # Whether it is allowed is not known, so its repeats are to be judged anew.
             self.dropped_commands += 1
             return
@@ -268,6 +256,10 @@ class Session(BaseSession[bytes, Packet, Event]):
         if self._lateness.is_late:
             reasons.append(report.late(self._lateness))
         return Verdict.stop(*reasons, *verdict.reasons) if reasons else verdict
+
+    def _is_unsure(self, now: float) -> bool:
+        """Tell whether the newest VRPI need not be how things are: of another sender, or late."""
+        return self.origin.sender.is_doubled(now) or self._lateness.is_late
 
     def _silence(self, now: float) -> Coded:
         hint = self._silence_hint(now)
@@ -338,9 +330,18 @@ class Session(BaseSession[bytes, Packet, Event]):
         self._emit(DeviceState(tuple(problems), report.summary(self.vrpi), values))
 
     def _follow_hold(self, now: float) -> None:
-        """Once a hold was asked for at all, silence asks for it too."""
+        """
+        Once a hold was asked for at all, silence asks for it too.
+
+        VRPO go on while the BU is known to hold its relays open by itself: there is nothing to
+        add, and without VRPO it could perhaps not be rearmed. Two devices that are both stopped,
+        each waiting for the other one's release, would wait for ever.
+        """
         stale = self._hold_heard.expired(now)
         self.hold_asked = self.hold_output_in_use and (self._hold_output or stale)
+        is_open = self.vrpi is not None and self.vrpi.bu_state < RELAYS_CLOSED
+        by_itself = is_open and self._stops.verdict().own_estop and not self._is_unsure(now)
+        self.output_held = self.hold_asked and not by_itself
         self._stops.hold(self.output_held, now)
 
     def _expires_at(self) -> float:
