@@ -108,6 +108,7 @@ class Decoder(Generic[FrameT, MessageT]):
 
     def __init__(self) -> None:
         self.counters = Counters()
+        self.held_up = 0.0  # s, so that sound frames were discarded as too old; until a reset
 
     @property
     def deadline(self) -> float:
@@ -165,6 +166,7 @@ class StreamParser(Decoder[bytes, MessageT]):
         self._buffer = b''
         self._arrivals.clear()
         self._in_sync = True
+        self.held_up = 0.0
 
     def feed(self, data: bytes, now: float) -> list[MessageT]:
         """Return the messages of the frames that ``data`` completes, in order."""
@@ -183,8 +185,13 @@ class StreamParser(Decoder[bytes, MessageT]):
             self.counters.expired += 1
             oldest = now - self._expire - _LATE
             stale = max(1, sum(size for size, at in self._arrivals if at < oldest))
+            late = now - self._arrivals[0][1]
+            whole = StreamParser(self._format).feed(self._buffer[1:], now) if stale > 1 else []
             self._discard(stale)
-            messages += self._scan(stale)
+            found = self._scan(stale)
+            if len(whole) > len(found):  # what is too old to count may have said stop
+                self.held_up = late
+            messages += found
         return messages
 
     def _scan(self, start: int = 0) -> list[MessageT]:

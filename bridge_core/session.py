@@ -25,6 +25,10 @@ from bridge_core.watchdog import Watchdog
 # A stop for discarded input lasts this long (s), so that a listener who keeps only the newest
 # message cannot miss it.
 INTERRUPTION_TIME = 0.2
+HELD_UP = (
+    'this node was held up for {:.1f} s, and discarded what came meanwhile; if it happens again, '
+    'give the computer less work'
+)
 RETRY = 0.001  # s after a frame that the line did not take, until the next poll
 
 FrameT = TypeVar('FrameT')
@@ -352,6 +356,8 @@ class Session(ABC, Generic[FrameT, MessageT, EventT]):
         self._stepped_at = now
 
     def _take_all(self, messages: Sequence[MessageT], now: float) -> None:
+        if late := self._decoder.held_up:
+            self.interrupted(HELD_UP.format(late), now)
         for message in messages:
             if not self._take_repeated(message, now):
                 self._take(message, now)

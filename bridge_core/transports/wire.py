@@ -23,7 +23,7 @@ from typing import Any, Generic
 from bridge_core import clock
 from bridge_core.reasons import Coded, passed_on
 from bridge_core.report import LinkStatus, NOT_ACTIVE, Reporter
-from bridge_core.session import Session, StopChanged, Verdict
+from bridge_core.session import HELD_UP, Session, StopChanged, Verdict
 from bridge_core.transports import FrameT, Transport, TransportError
 from bridge_core.transports.active import Active, FROZEN_TIME, SHORTEST_WAIT
 from bridge_core.transports.bridge import Bridge, Owner, Requests
@@ -347,8 +347,7 @@ class Wire(Generic[FrameT]):
     def _forget_backlog(self, frozen: float, now: float) -> None:
         """Discard what waited while this process was frozen: it is old, and it may be a stop."""
         assert self._active is not None
-        reason = f'this node was held up for {frozen:.1f} s, and discarded what came meanwhile'
-        reason += '; if it happens again, give the computer less work'
+        reason = HELD_UP.format(frozen)
         try:
             if self._active.discard():
                 self.interrupt(reason, now)

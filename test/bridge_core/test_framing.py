@@ -397,3 +397,4 @@ def test_frame_within_an_expired_one_is_news_for_50_ms(late: float, frames: list
     assert parser.feed(HEADER + b'\x30' + SOUND, 2.0 - QUARTER - late) == []
     assert parser.poll(2.0) == frames
     assert parser.counters.expired == 1
+    assert (parser.held_up > 0.0) is (frames == [])

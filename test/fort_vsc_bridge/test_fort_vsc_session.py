@@ -9,7 +9,7 @@ import random
 
 import pytest
 
-from bridge_core.session import Level
+from bridge_core.session import Level, StopChanged
 from fort_vsc_bridge.session import Sticks
 from fort_vsc_bridge.simulator import build_frame, Simulator
 from stage.fort_vsc_rig import (
@@ -20,6 +20,7 @@ from stage.fort_vsc_rig import (
     LIMIT,
     NEUTRAL,
     opened,
+    SRC,
     sticks,
 )
 
@@ -98,6 +99,17 @@ def test_bytes_lost_now_and_then_do_not_name_the_baud_rate() -> None:
         bench.hear(build_frame(0x40, b'x'))
         bench.wait(0.04)
         assert 'baud' not in bench.session.stop_reasons(bench.now)[0]
+
+
+@pytest.mark.parametrize('held_up', [0.1, 0.12, 0.19])
+def test_stop_behind_a_corrupt_length_is_told_though_the_node_is_held_up(held_up: float) -> None:
+    """It may be too old to be handed out; no freeze is over before that."""
+    bench = opened()
+    bench.run(1.0, heartbeat())
+    bench.hear(build_frame(0x40, bytes(200))[:4], heartbeat(estop=SRC))
+    bench.now += held_up
+    events = bench.hear(heartbeat())
+    assert any(isinstance(event, StopChanged) and event.verdict.estop for event in events)
 
 
 # -- sticks ---------------------------------------------------------------------------------------
