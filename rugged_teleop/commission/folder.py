@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 import contextlib
+from fnmatch import fnmatch
 import hashlib
 import json
 import os
@@ -22,6 +23,7 @@ from rugged_teleop.commission.step import Record, Result, Step
 REPORT, PAGE, PARAMETERS = 'report.json', 'report.html', 'parameters.yaml'
 MANIFEST = 'manifest.json'
 FORMAT = 1
+_NEW = '.new'
 _EXCEPTIONS = (Result.ACCEPTED, Result.SKIPPED, Result.NOT_RUN)
 
 
@@ -115,7 +117,7 @@ def complete(folder: Path) -> None:
     for name in names:
         if (new := new_piece(folder, name)).exists():
             os.replace(new, folder / name)
-    for left in folder.glob('.*.new'):  # of a step that no report names
+    for left in folder.glob(f'.*{_NEW}'):  # of a step that no report names
         left.unlink()
 
 
@@ -126,7 +128,7 @@ def pieces_of(report: Mapping[str, Any]) -> list[str]:
 
 def new_piece(folder: Path, name: str) -> Path:
     """Return where a file waits until all of them are there."""
-    return folder / f'.{name}.new'
+    return folder / f'.{name}{_NEW}'
 
 
 def _manifest(hashes: Mapping[str, str]) -> bytes:
@@ -172,7 +174,7 @@ def verify(folder: Path) -> dict[str, Any]:
         if isinstance(error, FolderError):
             raise
         raise FolderError(f'{folder}: {error!r}') from error
-    there = {path.name for path in folder.iterdir() if not path.name.startswith('.')}
+    there = {each.name for each in folder.iterdir() if not fnmatch(each.name, f'.*{_NEW}*')}
     strangers = there - {*hashes, MANIFEST}
     if strangers:
         raise FolderError(

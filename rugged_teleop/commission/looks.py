@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import itertools
 import math
+from typing import Any
 
 from bridge_core.reasons import causes, from_values
 from rugged_teleop.commission.history import History
@@ -116,26 +117,28 @@ def still(state: State, standstill: float, seconds: float = 0.6) -> Look:
             return Seen(False, 'motion was commanded')
         if heard.first('joints', since, lambda each: _fastest(each) > standstill) is not None:
             return Seen(False, 'a joint turned by itself')
-        return Seen(True, 'nothing moves') if now - since >= seconds else None
+        # What has fallen silent does not stand.
+        silent = any(0.0 < heard.heard_at(each) < since for each in ('state', 'joints'))
+        return Seen(True, 'nothing moves') if now - since >= seconds and not silent else None
 
     return look
+
+
+def after(channel: str, wanted: Callable[[Any], bool], look: Look) -> Look:
+    """Look until this was heard, and is so for a while: a person may take any time to do it."""
+
+    def both(heard: History, marks: Marks, now: float) -> Seen | None:
+        seen = look(heard, marks, now)
+        at = heard.first(channel, marks['since'], wanted)
+        is_so = at is not None and wanted(heard.last(channel)) and now >= at + _RESTED
+        return seen if is_so or (seen and not seen.ok) else None
+
+    return both
 
 
 def released(source: str, standstill: float, state: State = 'STOPPED') -> Look:
     """The e-stop source is clear again, and the mux keeps its state."""
-    hold = still(state, standstill)
-
-    def look(heard: History, marks: Marks, now: float) -> Seen | None:
-        clear = heard.last(f'estop {source}')
-        at = heard.first(f'estop {source}', marks['since'], lambda value: not value)
-        if clear is not False or at is None:
-            return None
-        seen = hold(heard, marks, now)
-        if seen is not None and seen.ok and now < at + _RESTED:
-            return None
-        return seen
-
-    return look
+    return after(f'estop {source}', lambda value: not value, still(state, standstill))
 
 
 # Operators
@@ -183,6 +186,7 @@ def axis_at_end(operator: str, axis: int, sign: int) -> Look:
     return look
 
 
+_ALL = slice(None)  # axes
 Button = tuple[int, int]  # its place in buttons, and the least value of a pressed one
 
 
@@ -190,6 +194,11 @@ def is_pressed(joy: tuple[Sequence[float], Sequence[int]], button: Button) -> bo
     """Tell whether a button is pressed, as the mux judges it."""
     index, least = button
     return any(value >= least for value in joy[1][index : index + 1])
+
+
+def is_pushed(joy: tuple[Sequence[float], Sequence[int]], axes: slice = _ALL) -> bool:
+    """Tell whether one of these axes is away from the middle."""
+    return any(abs(axis) > _REST for axis in joy[0][axes])
 
 
 def pressed_button(operator: str, button: Button) -> Look:
@@ -251,7 +260,7 @@ def in_control(operator: str) -> Look:
     return look
 
 
-def held_still(operator: str, *, at_once: bool) -> Look:
+def held_still(operator: str, axis: int, *, at_once: bool) -> Look:
     """
     The operator has control and a pushed stick, and nothing is told to move for a while.
 
@@ -263,17 +272,18 @@ def held_still(operator: str, *, at_once: bool) -> Look:
         moves = heard.first('command', marks['since'], lambda each: any(each.values()))
         if at_once and moves is not None:
             return Seen(False, 'motion was commanded without the button')
-
-        def away(joy: tuple[list[float], list[int]]) -> bool:
-            return any(abs(axis) > _REST for axis in joy[0])
-
-        pushed = heard.first(f'joy {operator}', marks['since'], away)
         told = [any(each.values()) for _, each in heard.since('command', now - _MOVES)]
-        long = pushed is not None and now - pushed >= _MOVES
         is_so = heard.last('state') == 'ACTIVE' and owner == operator and told and not any(told)
-        return Seen(True, 'nothing is told to move') if long and is_so else None
+        pushed = _stays_pushed(heard, operator, slice(axis, axis + 1), now)
+        return Seen(True, 'nothing is told to move') if pushed and is_so else None
 
     return look
+
+
+def _stays_pushed(heard: History, operator: str, axes: slice, now: float) -> bool:
+    """Tell whether a stick has been pushed for a while."""
+    joys = [joy for _, joy in heard.since(f'joy {operator}', now - _MOVES)]
+    return bool(joys) and all(is_pushed(joy, axes) for joy in joys)
 
 
 def scaled(ratio: float) -> Look:
@@ -292,8 +302,12 @@ def scaled(ratio: float) -> Look:
     return look
 
 
-def at_soft_end(joint: str, least: float, most: float) -> Look:
-    """A joint is told to go on, and stands at a soft end. It must not be beyond one."""
+def at_soft_end(operator: str, joint: str, least: float, most: float) -> Look:
+    """
+    A joint stands at a soft end, of two looks the other one, though a stick is pushed.
+
+    It must not be beyond one.
+    """
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         since = max(marks['since'], now - _MOVES)
@@ -303,9 +317,11 @@ def at_soft_end(joint: str, least: float, most: float) -> Look:
         near = _NEAR * (most - least)
         if not least - near <= places[-1] <= most + near:
             return Seen(False, f'{joint} is at {places[-1]:.3g} rad, beyond its soft end')
-        ends = min(abs(places[-1] - end) for end in (least, most)) <= near
+        ends = [end for end in (least, most) if abs(places[-1] - end) <= near]
         stands = max(places) - min(places) <= _NEAR * near
-        if not ends or not stands:
+        told = heard.last('state') == 'ACTIVE' and _stays_pushed(heard, operator, _ALL, now)
+        same = any(abs(marks.get('place', math.inf) - end) <= near for end in ends)
+        if not ends or same or not stands or not told:
             return None
         ways = {'from': marks.get('place', places[-1]), 'place': places[-1]}
         return Seen(True, f'{joint} stands at {places[-1]:.3g} rad', (), ways)
@@ -364,6 +380,8 @@ def disabled(
             began, of_what = rested, 'its message'
         elif cause.startswith(END_OF):
             channel = cause.removeprefix(END_OF)
+            if heard.heard_at(channel) > ended:  # it goes on: something else has disabled it
+                return None
             began, of_what = last_before(heard, channel, ended, since), f'the last {channel}'
         if ended < began:
             return _too_early(heard, 'the drive was disabled', ended, began, of_what)
@@ -444,9 +462,14 @@ def turned(heard: History, joint: str, since: float) -> float:
     return sum((b - a) * (v + w) / 2.0 for (a, v), (b, w) in itertools.pairwise(samples))
 
 
-def passed(seconds: float) -> Look:
-    """Some time has passed."""
-    return lambda _, marks, now: Seen(True, '') if now - marks['since'] >= seconds else None
+def passed(seconds: float, channel: str = '') -> Look:
+    """Some time has passed, in which a channel was silent."""
+
+    def look(heard: History, marks: Marks, now: float) -> Seen | None:
+        began = max(marks['since'], heard.heard_at(channel))
+        return Seen(True, '') if now - began >= seconds else None
+
+    return look
 
 
 def fresh_on_the_way(key: str, limit: float) -> Look:

@@ -290,8 +290,8 @@ def lost(channel: str, bound: float) -> Look:
 
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         stopped = heard.first('state', marks['since'], lambda state: state == 'STOPPED')
-        if stopped is None:
-            return None
+        if stopped is None or now < stopped + _BATCH or heard.heard_at(channel) > stopped:
+            return None  # who goes on is not missed: something else has stopped it
         began = looks.last_before(heard, channel, stopped, marks['since'])
         took = Measured(f'from the last {channel} to STOPPED', stopped - began, limit=bound)
         return Seen(True, 'it is missed', (took,), {'began': began})
@@ -305,7 +305,7 @@ def replaced(node: str, bound: float) -> Look:
     def look(heard: History, marks: Marks, now: float) -> Seen | None:
         packet = heard.on_wire('sent', marks['since'], False).get(node)
         off = heard.first(f'enabled {node}', marks['since'], lambda value: not value)
-        if off is None or now < off + _BATCH:
+        if off is None or now < off + _BATCH or not _changed(heard, node, 'wire process', marks):
             return None
         ended = packet or off
         began = looks.last_before(heard, 'joints', ended, marks['since'])
@@ -313,6 +313,13 @@ def replaced(node: str, bound: float) -> Look:
         return Seen(True, 'the next wire disables', (took,), {'began': began})
 
     return look
+
+
+def _changed(heard: History, node: str, key: str, marks: Marks) -> bool:
+    """Tell whether the diagnostics of a node have another value by now."""
+    channel = f'device {node}'
+    before = heard.before(channel, marks['since']) or {}
+    return bool(heard.last(channel, before).get(key) != before.get(key))
 
 
 # The drive's cable
@@ -349,6 +356,8 @@ def stays_off(source: str, node: str, standstill: float) -> Look:
                 'the drive starts again by itself',
                 facts={f'{node}: starts again by itself': True},
             )
+        if not _changed(heard, node, 'frames', marks):
+            return None  # the joints may be heard of somebody else
         back = heard.first('joints', since, lambda _: True)
         if back is None or now < back + _AGAIN:
             return None

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 import math
 from typing import Any
 
@@ -233,10 +235,12 @@ def _in_motion(machine: Machine) -> Iterator[Step]:
         node = machine.remote_of(operator)
         if node is None:
             continue
+        still = looks.still('READY', machine.standstill)
         for name, switch in node.hands.pauses.items():
             act, end = worked(node, '', switch)
-            still = looks.still('READY', machine.standstill)
-            again = Phase('nothing that moves by its end', still, (end,))
+            words = f'{end.text}, the deadman still held and the stick pushed'
+            stay = looks.after(f'joy {operator}', looks.is_pushed, still)
+            again = Phase('nothing that moves by its end', stay, (replace(end, text=words),))
             cause = _let_go(machine, operator)
             yield in_motion(machine, operator, f'{operator}.{name}', act, cause, end, (again,))
     if not machine.operators:
@@ -263,6 +267,7 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
     """Yield what a deadman has to do: begin anew after a stop, end it, and not go on by itself."""
     presses, releases = deadmen(machine, operator)
     pushed, let_go = push(machine, operator)
+    indices = machine.values[f'operator.{operator}.deadman_buttons']
     stop = next(each for each in stops_of(machine) if each.always)
     ended = Phase('READY', looks.ready(operator), (*let_go, *releases), person=True, resets=True)
     yield Step(
@@ -285,19 +290,23 @@ def _of_deadman(machine: Machine, operator: str) -> Iterator[Step]:
                 person=True,
                 limit=10.0,
             ),
+            *(
+                Phase('the deadman held', looks.held(operator, button_of(machine, operator, n)))
+                for n in indices
+            ),
             Phase('a refused reset', looks.refused, (Act('', lines=('reset',)),)),
             Phase('nothing that moves', looks.still('STOPPED', machine.standstill)),
             ended,
         ),
     )
-    indices = machine.values[f'operator.{operator}.deadman_buttons']
     for index, press, release in zip(indices, presses, releases, strict=True):
         suffix = '' if index == indices[0] else f'.{index}'
         cause = _let_go(machine, operator, index)
         yield in_motion(machine, operator, f'{operator}.deadman{suffix}', release, cause)
         words = f'{release.text} a moment, as if it slipped, the stick still pushed'
         again = Act('Press it again, and hold it', press.node, press.lines)
-        still = looks.still('READY', machine.standstill)
+        pressed = partial(looks.is_pressed, button=button_of(machine, operator, index))
+        still = looks.after(f'joy {operator}', pressed, looks.still('READY', machine.standstill))
         stays = Phase('nothing that moves by pressing it again', still, (again,))
         slip = Act(words, release.node, release.lines)
         yield in_motion(machine, operator, f'{operator}.slip{suffix}', slip, cause, None, (stays,))

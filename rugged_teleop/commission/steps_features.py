@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 import math
+from operator import not_
 
 from bridge_core.device import Switch
 from bridge_core.parameters import names_of
@@ -41,7 +43,8 @@ def reset_button(machine: Machine) -> Iterator[Step]:
     silence = float(machine.values['reset_silence']) + 0.5
     pressed = looks.pressed(stop.source, stop.full, stop.bound)
     still = looks.still('STOPPED', machine.standstill)
-    hold = Phase('no reset while it is held', still, (press,), person=True)
+    held, let_go = looks.after('button', bool, still), looks.after('button', not_, still)
+    hold = Phase('no reset while it is held', held, (press,), person=True)
     yield Step(
         name='reset.button',
         title='The reset button: refused in a stop, and the only one that ends it',
@@ -50,7 +53,7 @@ def reset_button(machine: Machine) -> Iterator[Step]:
             get_ready(machine),
             Phase(f'e-stop source {stop.source}', pressed, (stop.press,), person=True),
             hold,
-            Phase('no reset by it', still, (release,), person=True),
+            Phase('no reset by it', let_go, (release,), person=True),
             Phase(
                 f'{stop.source} clear, the mux still STOPPED, and nothing that moves',
                 looks.released(stop.source, machine.standstill),
@@ -125,7 +128,7 @@ def _axis_button(machine: Machine, operator: str, place: int) -> Step:
     axis = machine.values[f'operator.{operator}.axis'][place]
     phases, releases = taking_control(machine, operator)
     (hold, pushed), (let_go, release) = push(machine, operator, place)
-    still = looks.held_still
+    still = partial(looks.held_still, operator, axis)
     return Step(
         name=f'motion.{operator}.axis.{axis}',
         title=f'{operator}: axis {axis} moves nothing without its button',
@@ -135,7 +138,7 @@ def _axis_button(machine: Machine, operator: str, place: int) -> Step:
             *phases,
             Phase(
                 'nothing that moves',
-                still(operator, at_once=True),
+                still(at_once=True),
                 (pushed,),
                 person=True,
                 limit=4.0,
@@ -147,7 +150,7 @@ def _axis_button(machine: Machine, operator: str, place: int) -> Step:
                 person=True,
                 limit=10.0,
             ),
-            Phase('rest', still(operator, at_once=False), (release,), person=True, limit=4.0),
+            Phase('rest', still(at_once=False), (release,), person=True, limit=4.0),
         ),
     )
 
@@ -160,7 +163,7 @@ def _soft_end(
     there, back = (
         push(machine, operator, 0 if mixed else number, share) for share in (GENTLE, -GENTLE)
     )
-    look = looks.at_soft_end(joint, least, most)
+    look = looks.at_soft_end(operator, joint, least, most)
     return Step(
         name=f'end.{joint}',
         title=f'The soft ends of joint {joint}: it stands there by itself, and can go back',

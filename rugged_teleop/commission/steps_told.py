@@ -98,14 +98,16 @@ def _chain(machine: Machine, node: Node, chain: Chain, ways: Sequence[Stop]) -> 
     start = Act(f'Start {node.full} again', node.full, ('start',))
     ended = stopped(Act(f'End {node.full}, so that it stays ended', node.full, ('end',)))
     seconds = chain.silence + _READ
-    silent = Phase('silence', looks.passed(seconds), limit=seconds + 4.0)
+    # A node that is started again would open it by this computer.
+    silence = f'estop {cable.source}'
+    silent = Phase('silence', looks.passed(seconds, silence), limit=seconds + 4.0)
     words = f'{title}, {seconds:g} s after its node has ended'
     right = _OPEN if chain.silence else _EITHER
     phases = (ready, ended, silent)
     yield _metered(f'{name}.ended', words, node, chain, phases, right, (start,))
     for stop in () if chain.silence else stops:  # what opens by silence is open already
         words = f'{title}, with its node ended: {small(stop.press.text)}'
-        pressed = Phase('a stop', looks.passed(_READ), (stop.press,), limit=5.0)
+        pressed = Phase('a stop', looks.passed(_READ, silence), (stop.press,), limit=5.0)
         phases, undo = (ready, ended, pressed), (start, stop.release)
         yield _metered(f'{name}.alone.{stop.name}', words, node, chain, phases, _OPEN, undo)
 

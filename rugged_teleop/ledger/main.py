@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = 'rugged_teleop ledg
             elif options.action == 'export':
                 columns.append(fields)
         wrong = [*reader.faults, *_cut(options.anchor, digests)]
-        if reader.rest and not digests:
+        if not digests:
             wrong.append('this is no ledger: it has no whole line of one')
     except OSError as error:
         if is_of_output(error):

@@ -1,6 +1,6 @@
 // What the page may do: nothing without the token and a confirmation.
 
-import { $, each, make, say } from './dom.js';
+import { $, each, make, mark, say } from './dom.js';
 import { ACTIONS } from './words.js';
 
 // The token comes behind the # of the address, which no server and no log ever sees.
@@ -48,6 +48,7 @@ function actionsFor(mux) {
 
 // Buttons in each banner, where the server allows control. `newest` returns the newest snapshot.
 export function offer(snapshot, newest) {
+  recall(snapshot);
   for (const place of document.querySelectorAll('.banner .buttons')) {
     const mux = snapshot.muxes.find(({ name }) => name === place.dataset.mux);
     each(place, mux ? actionsFor(mux) : [], (name) => name, (name) => {
@@ -59,8 +60,20 @@ export function offer(snapshot, newest) {
   }
 }
 
+// Who reads a question does not see what happens meanwhile: a reset may be that of another stop.
+function recall(snapshot) {
+  const dialog = $('confirm');
+  if (!dialog.open || dialog.dataset.action === 'trip' || dialog.dataset.event === lastOf(snapshot)) return;
+  dialog.close();
+  say($('answer'), 'not done: something has changed meanwhile; look again');
+}
+
+const lastOf = (snapshot) => String(snapshot.events[0]?.number);
+
 function confirm(action, mux, newest) {
   const dialog = $('confirm');
+  mark(dialog, 'action', action);
+  mark(dialog, 'event', lastOf(newest()));
   say($('confirm-title'), `${ACTIONS[action].title}?`);
   say($('confirm-text'), ACTIONS[action].text);
   say($('confirm-yes'), ACTIONS[action].title);

@@ -28,7 +28,7 @@ FAULTS = {
         dead=('input 4 off',),
     ),
     'reset button that is not wired': Fault(
-        'reset.button', 'expected: READY by the reset button', dead=('input 2 on',)
+        'reset.button', 'expected: no reset while it is held', dead=('input 2 on',)
     ),
     'key switch without effect': Fault(
         'motion.limit.key.2', 'expected: 2 times as fast', dead=('input 3 on',)

@@ -101,7 +101,7 @@ def test_no_byte_of_any_file_may_change(written: Path) -> None:
     folder.verify(written)
 
 
-@pytest.mark.parametrize('name', ['note.txt', 'motion.b.mcap'])
+@pytest.mark.parametrize('name', ['note.txt', 'motion.b.mcap', '.note'])
 def test_stranger_in_the_folder_is_refused(written: Path, name: str) -> None:
     (written / name).write_text('x')
     with pytest.raises(folder.FolderError, match=name):

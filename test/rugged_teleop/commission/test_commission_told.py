@@ -21,7 +21,7 @@ from rugged_teleop.commission import looks, looks_actuators
 from rugged_teleop.commission.faces import Player
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.main import read_machine
-from rugged_teleop.commission.step import Record, Result, Seen, Step
+from rugged_teleop.commission.step import Look, Record, Result, Seen, Step
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.devices import protocols
 from rugged_teleop.recordings import Said
@@ -258,6 +258,87 @@ def test_stop_is_read_from_a_packet_of_the_base_unit(said: dict[str, Any], stops
     assert decoder.stops(content) is stops
 
 
+# What has to be done before nothing moves by it
+
+PUSHED = ([0.0, 0.2], [1, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ('step', 'phase', 'channel', 'value'),
+    [
+        ('reset.button', 2, 'button', True),
+        ('reset.button', 3, 'button', False),
+        ('motion.fort.pause', -1, 'joy fort', PUSHED),
+        ('motion.fort.slip', -1, 'joy fort', PUSHED),
+        ('motion.fort.slip.4', -1, 'joy fort', PUSHED),
+    ],
+)
+def test_what_a_person_has_not_done_yet_shows_nothing(
+    step: str, phase: int, channel: str, value: Any
+) -> None:
+    look = _steps(FEATURES_FILE)[step].phases[phase].look
+    state = 'STOPPED' if channel == 'button' else 'READY'
+    rest = not value if channel == 'button' else ([0.0, 0.0], [0] * 5)
+    heard = heard_as(('state', 1.1, state), (channel, 1.1, rest))
+    assert look(heard, {'since': 1.0}, 2.0) is None
+    heard.add(channel, 2.0, value)
+    seen = look(heard, {'since': 1.0}, 2.6)
+    assert seen is not None
+    assert seen.ok
+
+
+def test_reset_is_refused_because_the_deadman_is_held() -> None:
+    phases = {each.expected: each.look for each in _steps(FILE)['motion.fort.held'].phases}
+    seen = phases['the deadman held'](
+        heard_as(('joy fort', 1.5, ([0.0], [0]))), {'since': 1.0}, 2.1
+    )
+    assert seen is not None
+    assert not seen.ok
+
+
+# Who was killed or frozen, and goes on
+
+GONE = looks.disabled('end of command', '/n', 0.1, '')
+LOST = looks_actuators.lost('estop n', 0.3)
+
+
+@pytest.mark.parametrize(
+    ('look', 'channel', 'value'), [(GONE, 'command', {}), (LOST, 'estop n', False)]
+)
+def test_who_goes_on_is_not_missed(look: Look, channel: str, value: Any) -> None:
+    heard = heard_as(('state', 1.5, 'STOPPED'), ('enabled', 1.5, False), (channel, 1.4, value))
+    assert look(heard, {'since': 1.0}, 2.0) is not None
+    heard.add(channel, 1.6, value)
+    assert look(heard, {'since': 1.0}, 2.0) is None
+
+
+def test_wire_that_was_not_killed_is_not_replaced() -> None:
+    look = looks_actuators.replaced('/n', 0.3)
+    heard = heard_as(('device /n', 0.9, {'wire process': '7'}), ('enabled /n', 1.2, False))
+    heard.add('device /n', 1.5, {'wire process': '7'})
+    assert look(heard, {'since': 1.0}, 2.0) is None
+    heard.add('device /n', 1.6, {'wire process': '8'})
+    assert look(heard, {'since': 1.0}, 2.0) is not None
+
+
+def test_drive_whose_cable_is_not_back_has_not_stayed_off() -> None:
+    """Of another drive, or of an encoder of its own, the joints are heard all the time."""
+    look = looks_actuators.stays_off('n', '/n', 0.2)
+    heard = heard_as(('device /n', 0.9, {'frames': '7'}), ('joints', 1.1, {'left': 0.0}))
+    assert look(heard, {'since': 1.0}, 4.0) is None
+    heard.add('device /n', 3.0, {'frames': '8'})
+    assert look(heard, {'since': 1.0}, 4.0) is not None
+
+
+def test_chain_of_a_node_that_was_started_again_shows_nothing_of_its_own() -> None:
+    steps = _steps(FILE)
+    heard = heard_as(('estop fort', 2.5, True))
+    for step in ('chain.fort.ended', 'chain.fort.alone.wired'):
+        look = steps[step].phases[-1].look
+        assert look(heard, {'since': 1.0}, 3.0) is None
+        assert look(heard, {'since': 1.0}, 6.0) is not None
+
+
 # What a time is measured from
 
 
@@ -414,10 +495,15 @@ def test_soft_end_is_held_against_the_eye(turned: str, says: str) -> None:
 def test_joint_stands_at_its_soft_end(places: tuple[float, ...], ok: bool | None) -> None:
     times = (1.0, 1.3, 1.6, 1.9, 2.2)
     heard = heard_as(
-        *(('positions', at, {'left': p}) for at, p in zip(times, places, strict=True))
+        ('state', 1.0, 'ACTIVE'),
+        *(('positions', at, {'left': p}) for at, p in zip(times, places, strict=True)),
     )
-    seen = looks.at_soft_end('left', -2.0, 2.0)(heard, {'since': 1.1}, 2.2)
+    look = looks.at_soft_end('a', 'left', -2.0, 2.0)
+    assert not (ok and look(heard, {'since': 1.1}, 2.2)), 'no stick is pushed'
+    heard.add('joy a', 1.8, ([0.2], [1]))
+    seen = look(heard, {'since': 1.1}, 2.2)
     assert (seen and seen.ok) is ok
+    assert not (ok and look(heard, {'since': 1.1, 'place': 1.98}, 2.2)), 'the same end'
 
 
 # Speeds, and a stick without its button
@@ -440,10 +526,12 @@ def test_stick_without_its_button_moves_nothing(
     commands = [('command', at, {'left': each}) for at, each in zip((1.2, 1.8), told, strict=True)]
     control = [('state', 1.0, 'ACTIVE'), ('status', 1.0, {'owner': 'a'})]
     heard = heard_as(*control, *commands)
-    look = looks.held_still('a', at_once=at_once)
-    assert not (ok and look(heard, {'since': 1.1}, 2.0)), 'no stick is pushed'
-    heard.add('joy a', 1.3, ([0.0, 0.2], [1]))
+    heard.add('joy a', 1.6, ([0.0, 0.2], [1]))
+    assert not (ok and looks.held_still('a', 0, at_once=at_once)(heard, {'since': 1.1}, 2.0))
+    look = looks.held_still('a', 1, at_once=at_once)
     seen = look(heard, {'since': 1.1}, 2.0)
+    heard.add('joy a', 1.9, ([0.0, 0.0], [1]))
+    assert not (ok and look(heard, {'since': 1.1}, 2.0)), 'the stick was let go of'
     assert seen is not None
     assert seen.ok is ok
 

@@ -456,9 +456,10 @@ def test_ledger_is_shown_and_exported(tmp_path: Path, capsys: pytest.CaptureFixt
     for since, shown in {'2000-01-01': 2, '2000-01-01 12:00+09:00': 2, '2999-01-01': 0}.items():
         assert run('show', path, '--since', since) == 0
         assert len(capsys.readouterr().out.splitlines()) == shown
-    (other := tmp_path / 'notes.txt').write_text('no line of a ledger')
-    assert run('verify', str(other)) == 1
-    assert 'this is no ledger' in capsys.readouterr().err
+    for text in ('no line of a ledger', ''):
+        (other := tmp_path / 'notes.txt').write_text(text)
+        assert run('verify', str(other)) == 1
+        assert 'this is no ledger' in capsys.readouterr().err
     assert run('show', path, '--since', 'yesterday') == 2
     words = 'argument --since: yesterday is no time such as 2026-11-22; see '
     assert words in capsys.readouterr().err

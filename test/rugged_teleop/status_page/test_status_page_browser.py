@@ -254,6 +254,12 @@ def test_keyboard_resets_after_a_confirmation(
         browser.press('Enter')
         browser.says('#answer', 'not reset: release the stop')
         assert machine.wishes == [('reset', MUX)]
+        browser.press('Enter')
+        browser.wait('document.querySelector("#confirm").open', 'a question')
+        machine.estops[FORT] = True
+        browser.says('#answer', 'something has changed meanwhile')
+        assert not browser.evaluate('document.querySelector("#confirm").open')
+        assert len(machine.wishes) == 1
 
 
 def test_page_beyond_loopback_asks_for_the_token(browser: Browser) -> None:
