@@ -32,7 +32,7 @@ class LineAge:
     """
 
     # s without an answer until the question or its answer is taken as lost, as an answer must not
-    # be taken for that to a later question. Longer where none came in time: it may be as late.
+    # be taken for that to a later question. Longer where answers or heartbeats are late.
     PATIENCE = 3.0
     FIRST_PATIENCE = 10.0
 
@@ -119,4 +119,6 @@ class LineAge:
 
     @property
     def _patience(self) -> float:
-        return self.PATIENCE if self.trip <= self.limit else self.FIRST_PATIENCE
+        # An answer would have come with heartbeats that are young; with others it may be as late.
+        young = self.trip <= self.limit and self.limit_at > self._asked[0] + self.PATIENCE
+        return self.PATIENCE if young else self.FIRST_PATIENCE

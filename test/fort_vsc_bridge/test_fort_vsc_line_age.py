@@ -149,10 +149,12 @@ def test_delay_that_creeps_stops_soon_after_it_has_passed_the_limit(
     assert not far.bench.session.estop
 
 
-def test_stall_that_keeps_its_backlog_is_late_until_it_is_young_again() -> None:
-    late = 1.5
-    far = Far(back=lambda at: 0.01 if at < 5.0 else max(6.5 - at, 0.01) if at < 6.5 else late)
-    far.run(12.0)
+@pytest.mark.parametrize('late', [1.5, 3.05, 8.0])
+def test_stall_that_keeps_its_backlog_is_late_until_it_is_young_again(late: float) -> None:
+    end = 5.0 + late
+    far = Far(back=lambda at: 0.01 if at < 5.0 else max(end - at, 0.01) if at < end else late)
+    far.run(end + late + 4.0)
+    assert len(far.stops) == 1
     assert far.bench.session.estop
     assert 'up to' in far.bench.session.stop_reasons(far.bench.now)[0]
 
