@@ -318,3 +318,81 @@ def test_nothing_is_ever_older_than_the_session_says(seed: int) -> None:
         far.run(rng.choice([0.1, 0.5, 2.0]))
         if rng.random() < 0.2:
             far.bench.session.get_feedback(AGE_KEY, far.bench.now)
+
+
+def line(*trips: tuple[float, float]) -> LineAge:
+    """Return a line that began at 0, after questions and their answers at these moments."""
+    result = LineAge(5.0, 1.0)
+    result.begin(0.0)
+    for asked, answered in trips:
+        result.asked(asked)
+        result.answered(answered)
+    return result
+
+
+@pytest.mark.parametrize(
+    ('trips', 'asks_at'),
+    [
+        ([], 0.0),
+        ([(0.0, 0.25)], 3.0),  # an answer to a question of before the line may come until then
+        ([(2.75, 3.0)], 3.0),
+        ([(3.0, 3.25)], 4.0),  # each second
+        ([(2.0, 6.5)], 3.0),  # too long for another answer
+    ],
+)
+def test_line_is_asked_at_these_moments(trips: list[tuple[float, float]], asks_at: float) -> None:
+    assert line(*trips).ask_at == asks_at
+
+
+@pytest.mark.parametrize(
+    ('limit', 'trip', 'asks_at'),
+    [(2.5, 0.25, 2.25), (2.5, 2.25, 3.0), (2.5, 2.5, 3.0), (0.1, 0.05, 0.1)],
+)
+def test_new_line_is_asked_before_the_limit_where_an_answer_can_come_in_time(
+    limit: float, trip: float, asks_at: float
+) -> None:
+    age = LineAge(limit, 1.0)
+    age.begin(0.0)
+    age.asked(0.0)
+    age.answered(trip)
+    assert age.ask_at == asks_at
+
+
+@pytest.mark.parametrize(
+    ('trip', 'heartbeats', 'patience'), [(0.25, 3, 3.0), (1.0, 3, 10.0), (5.25, 3, 10.0)]
+)
+def test_question_is_given_up_after_this_time(
+    trip: float, heartbeats: int, patience: float
+) -> None:
+    age = line((4.0, 4.0 + trip))
+    asked = 4.0 + trip + heartbeats
+    for each in range(heartbeats):
+        age.heard(4.0 + trip + each)
+    age.asked(asked)
+    assert age.ask_at == asked + patience
+    assert not age.is_silent
+    age.asked(asked + patience)
+    assert age.is_silent
+
+
+def test_line_is_late_from_its_limit_on_and_for_a_second_after() -> None:
+    age = line((4.0, 4.5))
+    assert (age.is_late(8.75), age.is_late(9.0)) == (False, True)
+    age.asked(8.0)
+    age.answered(9.0)  # just late: for a second
+    assert [age.is_late(at) for at in (9.75, 10.0)] == [True, False]
+    assert [age.changes_at(at) for at in (9.0, 10.0, 13.0)] == [10.0, 13.0, math.inf]
+
+
+def test_heartbeat_at_the_limit_is_late() -> None:
+    age = line((4.0, 4.5))
+    age.heard(4.5)
+    age.heard(9.0)
+    assert age.limit_at == 10.0
+    assert age.is_late(9.5)
+
+
+def test_line_of_which_nothing_came_is_as_old_as_it_may_be() -> None:
+    age = line()
+    assert (age.as_of, age.limit_at, age.changes_at(0.0)) == (-math.inf, math.inf, math.inf)
+    assert not age.is_late(0.0)
