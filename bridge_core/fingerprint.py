@@ -55,7 +55,7 @@ def differences(before: Nodes, now: Nodes) -> list[str]:
         found += [
             f'{name} was {_shown(was, name)}, is {_shown(value, name)}'
             for name in sorted({*was, *value})
-            if was.get(name) != value.get(name) or (name in was) != (name in value)
+            if _shown(was, name) != _shown(value, name)
         ]
     return found
 

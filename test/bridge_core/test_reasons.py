@@ -7,7 +7,16 @@ import pickle
 
 import pytest
 
-from bridge_core.reasons import cause_of, causes, Coded, entries, from_values, passed_on, to_values
+from bridge_core.reasons import (
+    cause_of,
+    causes,
+    Coded,
+    entries,
+    from_values,
+    in_a_line,
+    passed_on,
+    to_values,
+)
 
 CATALOGUE = entries("""
 x.stop: stop, operator: {name} stops
@@ -91,3 +100,13 @@ def test_catalogue_is_read_with_lines_that_go_on() -> None:
 def test_code_that_stands_twice_is_refused() -> None:
     with pytest.raises(ValueError, match='stands there twice'):
         entries('x.stop: stop, operator: A\n    a\nx.stop x.b: note, operator: B\n    b')
+
+
+@pytest.mark.parametrize(
+    ('steps', 'line'),
+    [([], ''), (['Reset'], 'Reset'), (['Release it', 'Reset'], '1 Release it. 2 Reset')],
+)
+def test_steps_stand_in_a_line_numbered_where_there_are_several(
+    steps: list[str], line: str
+) -> None:
+    assert in_a_line(steps) == line

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from hypothesis import given, strategies as st
 import pytest
 
-from bridge_core.convert import joy_message, scaled, unknown_battery
+from bridge_core.convert import joy_message, scaled, time_message, unknown_battery
 
 STAMP = Time(sec=3, nanosec=4)
 
@@ -43,3 +43,9 @@ def test_nothing_is_claimed_of_an_unknown_battery() -> None:
     assert math.isnan(battery.percentage)
     assert math.isnan(battery.voltage)
     assert battery.location == 'remote'
+
+
+def test_time_has_seconds_and_the_rest() -> None:
+    seconds = 1_700_000_000
+    assert time_message(seconds * 10**9 + 999_999_999) == Time(sec=seconds, nanosec=999_999_999)
+    assert time_message(seconds * 10**9) == Time(sec=seconds)
