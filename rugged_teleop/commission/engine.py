@@ -29,7 +29,7 @@ _RESET_APART = 0.7  # s; one within clear_time of another does nothing
 _SILENCE = 5.2  # s; reset_silence, after one that came too early
 _EARLY = ('nothing to reset', 'none counts until')  # what is answered to that
 _UNDO_LIMIT = 5.0  # s
-_MOVES_LIMIT = 60.0  # s; the most for which a person is waited for while the trial moves something
+_ALONE_LIMIT = 60.0  # s; the most for which the trial moves or resets what nobody may look at
 _BEFORE = 0.5  # s of a plot before the cause
 _POINTS = 200  # of a plot
 _EVENTS = {'began': 'cause', 'disabled': 'disabled', 'stands': 'standstill'}  # in it, by mark
@@ -58,8 +58,8 @@ class Machine(Protocol):
     def reset(self) -> tuple[bool, str]:
         """Call the mux's reset; return whether it counted, and the answer."""
 
-    def bench(self, node: str, joint: str) -> Benched:
-        """Turn a joint forward, without the mux."""
+    def bench(self, node: str, joint: str, heed: Callable[[], object]) -> Benched:
+        """Turn a joint forward, without the mux. :param heed: raises what is to end it."""
 
     def command(self, command: Command | None) -> bool:
         """Command an actuator; None: be nobody who does. False: somebody else commands it."""
@@ -241,12 +241,13 @@ class Engine:
         self._face.expect(phase)
         while True:
             now = machine.now()
-            waits = min(person, _MOVES_LIMIT) if self._moves else person
-            if now >= min(done, marks['since'] + limit + waits):
+            alone = marks['since'] + limit + min(person, _ALONE_LIMIT)
+            if now >= min(done, alone if self._moves else marks['since'] + limit + person):
                 return None
             while pending and self._done(pending[0]):
                 del pending[0]
-            if phase.resets and now > self._next_reset and self._may_reset():
+            attended = now < alone or done < math.inf
+            if phase.resets and attended and now > self._next_reset and self._may_reset():
                 self._reset()
             machine.spin(_SPIN)
             if not pending:
@@ -293,7 +294,9 @@ class Engine:
     def _bench(self, step: Step, marks: dict[str, float]) -> Seen | None:
         if not step.joint:
             return None
-        benched = self._machine.bench(step.node, step.joint)
+        benched = self._machine.bench(
+            step.node, step.joint, lambda: self._heed(self._face.wish(), 'done')
+        )
         marks |= {'enabling': benched.enabling, 'turned': benched.turned}
         return Seen(False, benched.problem) if benched.problem else None
 

@@ -44,9 +44,7 @@ class Terminal:
         _say(f'\n== {step.name}: {step.title}')
         if step.moves:
             _say('   Wheels in the air, nobody near, a hand at the stop that cuts the power.')
-        with contextlib.suppress(OSError, termios.error):  # no terminal
-            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)  # typed before it was asked
-        answer = line_of('   Enter begins it, s skips it, q leaves (to be continued): ')
+        answer = _fresh('   Enter begins it, s skips it, q leaves (to be continued): ')
         return self._wish_of(answer, 'run')
 
     def accept(self, step: Step, problems: Sequence[str]) -> str:
@@ -89,7 +87,7 @@ class Terminal:
 
     def prompt(self, text: str) -> None:
         """Have something done that nothing is seen of. :raises LeftError: it is left."""
-        line_of(f'   {text}; then Enter: ')
+        _fresh(f'   {text}; then Enter: ')
 
     def wish(self) -> str:
         """Return what is typed while something is looked for."""
@@ -256,6 +254,13 @@ def wanted(kind: str | tuple[str, ...]) -> str:
 def _say(text: str) -> None:
     with contextlib.suppress(OSError):  # the terminal may be gone: all is undone even so
         print(text, flush=True)
+
+
+def _fresh(prompt: str) -> str:
+    """Return what a person types from now on. :raises LeftError: as of ``line_of``."""
+    with contextlib.suppress(OSError, termios.error):  # no terminal
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+    return line_of(prompt)
 
 
 def line_of(prompt: str) -> str:

@@ -14,6 +14,8 @@ from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
 from rugged_teleop.commission.step import Command
 
+_HELD_UP = 1.0  # s after which a command is an old one
+
 
 class Mover:
     """
@@ -27,6 +29,7 @@ class Mover:
         self._nodes = {each.full: each for each in machine.bridges}
         self._command = Command('')
         self._publisher: Any = None
+        self._looked_at = 0.0
 
     def command(self, command: Command | None) -> bool:
         """Command an actuator; None: be nobody who does. False: somebody else commands it."""
@@ -44,11 +47,15 @@ class Mover:
         if self._ros.count_publishers(topic) > 1:
             self.command(None)
             return False
-        self._command = command
+        self._command, self._looked_at = command, clock.now()
         return True
 
     def publish(self) -> None:
-        """Say again what is commanded, once somebody listens."""
+        """Say again what is commanded, once somebody listens, unless this was held up."""
+        now = clock.now()
+        if now > self._looked_at + _HELD_UP:
+            self.command(None)
+        self._looked_at = now
         shares = self._command.shares
         if not shares or not self._publisher.get_subscription_count():
             return
@@ -59,4 +66,4 @@ class Mover:
             self._publisher.publish(Joy(axes=values))
         else:
             self._publisher.publish(JointState(name=node.joints, position=values))
-        self._history.add(f'told {node.full}', clock.now(), shares)
+        self._history.add(f'told {node.full}', now, shares)

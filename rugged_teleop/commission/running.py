@@ -113,6 +113,8 @@ class Running(Visitor):
         for name in machine.operators:
             joy(f'joy {name}', mux.topic(values[f'operator.{name}.topic']), 10)
         self._bool('stop', f'{mux.full}/estop', latched_qos())
+        if values['reset_topic']:
+            self._bool('button', mux.topic(values['reset_topic']), 10)
         self._mover = Mover(self.node, machine, self.history)
         for node in machine.bridges:
             places = node.hands.places
@@ -258,8 +260,8 @@ class Running(Visitor):
                 return True
         return False
 
-    def bench(self, node: str, joint: str) -> Benched:
-        """Turn a joint forward at _SPEED for _SECONDS, without the mux."""
+    def bench(self, node: str, joint: str, heed: Callable[[], object]) -> Benched:
+        """Turn a joint forward at _SPEED for _SECONDS, without the mux. See ``engine.Machine``."""
         phases: dict[Phase, float] = {}
         with (
             self._without_mux(node),
@@ -269,7 +271,7 @@ class Running(Visitor):
 
             def on_step() -> None:
                 phases.setdefault(course.phase, clock.now())
-                self.on_spin()
+                heed()
 
             follow(course, commander, on_step)  # as it spins, both hear
         self.spin(_QUIET)

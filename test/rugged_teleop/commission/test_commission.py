@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import errno
 import io
@@ -20,15 +20,17 @@ from typing import Any
 
 import pytest
 
+from bridge_core import clock
 from bridge_core.fingerprint import differences, fingerprint, version
 from bridge_core.parameters import ParameterError
 from rugged_teleop.commission import folder, looks
 from rugged_teleop.commission.daily import daily_steps, result_of
 from rugged_teleop.commission.engine import Benched, Engine, LeftError
-from rugged_teleop.commission.faces import Terminal
+from rugged_teleop.commission.faces import line_of, Terminal
 from rugged_teleop.commission.history import History
 from rugged_teleop.commission.machine import Machine
 from rugged_teleop.commission.main import main, nodes_of, read_machine
+from rugged_teleop.commission.mover import Mover
 from rugged_teleop.commission.step import (
     Act,
     Command,
@@ -43,7 +45,7 @@ from rugged_teleop.commission.step import (
 from rugged_teleop.commission.steps import steps_of
 from rugged_teleop.ledger.stopping import curves_of
 from safety_mux.commissioned import tried
-from test.rugged_teleop.commission.rig import FILE, heard_as
+from test.rugged_teleop.commission.rig import ACTUATORS_FILE, FILE, heard_as
 from test.rugged_teleop.commission.test_commission_folder import HEAD
 
 MUX = '/safety_mux'
@@ -81,7 +83,8 @@ class Paper:
     def pid_of(self, node: str, process: str) -> int:
         return 1
 
-    def bench(self, node: str, joint: str) -> Benched:
+    def bench(self, node: str, joint: str, heed: Callable[[], object]) -> Benched:
+        heed()
         return Benched('', 0.1, 6.3)
 
     def keep(self, step: str, since: float) -> str:
@@ -167,6 +170,33 @@ def test_phase_that_resets_waits_until_all_is_done() -> None:
     phase = Phase('ready', lambda *_: Seen(True, 'ready'), (Act('arm'),), resets=True)
     assert _engine(paper).run(Step(name='a', title='a', phases=(phase,))).result is Result.PASSED
     assert next(refusals, None) is None
+
+
+def test_nothing_is_reset_for_ever_where_nobody_says_that_he_is_there() -> None:
+    """A page may be closed, and who works at the machine may press its e-stop and release it."""
+    paper, resets = Paper(), list[float]()
+    paper.person = math.inf
+    paper.history.add('state', 100.0, 'STOPPED')
+    paper.history.add('status', 100.0, {'stops clear': 'true', 'operators at rest': 'true'})
+
+    def reset() -> tuple[bool, str]:
+        resets.append(paper.time)
+        return True, ''
+
+    paper.reset = reset  # type: ignore[method-assign]
+    paper.wishes = [''] * 10_000 + ['done']
+    phase = Phase('ready', lambda *_: None, (Act('arm'),), limit=1.0, resets=True)
+    _engine(paper).run(Step(name='a', title='a', phases=(phase,)))
+    assert [at for at in resets if 170.0 < at < 299.0] == []
+    assert resets[0] < 110.0
+    assert resets[-1] > 299.0, 'who says that it is done is there'
+
+
+def test_joint_that_turns_ends_where_the_trial_is_left() -> None:
+    paper = Paper()
+    paper.wishes = ['leave']
+    with pytest.raises(LeftError):
+        _engine(paper).run(Step(name='a', title='a', joint='left', node='/n'))
 
 
 def test_step_is_done_again_and_left() -> None:
@@ -289,6 +319,26 @@ def test_what_is_moved_rests_though_nobody_undoes_the_rest() -> None:
     assert paper.commands[-1] is None
 
 
+def test_command_of_a_trial_that_was_held_up_is_an_old_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a stopped process, or a terminal that takes nothing: somebody may be near by now."""
+    time, sent = [100.0], list[Any]()
+    publisher = SimpleNamespace(get_subscription_count=lambda: 1, publish=sent.append)
+    node = SimpleNamespace(
+        create_publisher=lambda *_: publisher,
+        destroy_publisher=lambda _: None,
+        count_publishers=lambda _: 1,
+    )
+    monkeypatch.setattr(clock, 'now', lambda: time[0])
+    mover = Mover(node, read_machine(ACTUATORS_FILE)[0], History())
+    mover.command(Command('/ssc_bridge', (0.2, 0.2)))
+    for seconds, count in ((0.0, 1), (0.9, 2), (1.1, 2), (0.1, 2)):
+        time[0] += seconds
+        mover.publish()
+        assert len(sent) == count
+
+
 @pytest.mark.parametrize(
     ('turned', 'turns', 'way', 'says'),
     [
@@ -397,6 +447,14 @@ def test_what_moves_by_itself_is_seen(channel: str, value: Any, says: str) -> No
     assert seen is not None
     assert not seen.ok
     assert says in seen.text
+
+
+@pytest.mark.parametrize(('channel', 'value'), [('state', 'STOPPED'), ('joints', {'left': 0.0})])
+def test_what_has_fallen_silent_does_not_stand(channel: str, value: Any) -> None:
+    look, heard = looks.still('STOPPED', 0.2), heard_as((channel, 0.5, value))
+    assert look(heard, {'since': 1.0}, 2.0) is None
+    heard.add(channel, 1.5, value)
+    assert look(heard, {'since': 1.0}, 2.0) is not None
 
 
 def test_reset_that_counts_while_pressed_is_seen() -> None:
@@ -553,8 +611,9 @@ def test_input_that_ends_leaves_the_trial(
     assert capsys.readouterr().out.count('Which?') <= 2
 
 
-def test_key_that_was_hit_before_a_step_was_announced_does_not_begin_it(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize('prompts', [False, True])
+def test_key_that_was_hit_before_it_was_asked_for_begins_nothing(
+    prompts: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     master, slave = os.openpty()
     flush = termios.tcflush
@@ -567,8 +626,12 @@ def test_key_that_was_hit_before_a_step_was_announced_does_not_begin_it(
     monkeypatch.setattr(termios, 'tcflush', flush_then_type)
     with os.fdopen(slave) as terminal:
         monkeypatch.setattr('sys.stdin', terminal)
-        step = Step(name='a', title='A', moves=True)
-        assert Terminal({}).begin(step) == 'nobody is there'
+        if prompts:
+            Terminal({}).prompt('End the mux')
+            assert line_of('') == 'nobody is there'
+        else:
+            step = Step(name='a', title='A', moves=True)
+            assert Terminal({}).begin(step) == 'nobody is there'
     os.close(master)
 
 
