@@ -75,6 +75,8 @@ def _verdict(name: str, recording: Loaded, slack: float) -> Verdict:
         verdict.broken.append(Broken(recording.said[0].at, 16, words))
         return verdict
     verdict.broken += sorted(watch.run())
+    if not verdict.decisions:
+        raise ValueError(f'what {name} decided is not in it')
     return verdict
 
 

@@ -106,6 +106,9 @@ def _sources(mux: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 def _of_mux(mux: _Mux, events: Sequence[Event], end: float) -> Iterator[str]:
     moments = _ends_of_motion(mux.name, events)
+    enables = [event.value for event in events if event.what == f'enable {mux.name}']
+    if enables[-1:] == [True] and not mux.heard.is_fresh(f'{mux.name}/enable', end):
+        moments.append(mux.heard.last(f'{mux.name}/enable', end) or end)  # it has died, say
     if not moments:
         yield f'{mux.name} stopped nothing in this recording'
         for values in _last(mux, end):
@@ -145,7 +148,9 @@ def _of_stop(
     changes = [event for event in told if event.what == f'state {mux.name}']
     caused = [event for event in changes if -_SLOW <= event.at - moment <= _TOGETHER]
     texts = [_with_cause(mux, event.text, moment, told) for event in caused]
-    yield f'{time_in_words(moment)}: {texts[0] if texts else mux.name + " stopped"}'
+    silent = mux.heard.last(f'{mux.name}/enable', until) == moment
+    unsaid = f'{mux.name} {"is not heard any more" if silent else "stopped"}'
+    yield f'{time_in_words(moment)}: {texts[0] if texts else unsaid}'
     later = [(at, values) for at, values in mux.statuses if moment - _SLOW <= at <= until]
     yield from _cause(values for at, values in later if at <= moment + _TOGETHER)
     for text in texts[1:]:

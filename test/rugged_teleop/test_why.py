@@ -92,6 +92,17 @@ def obeying() -> Iterator[Said]:
     yield said(2000, f'{DRIVE}/joint_states', joints(0.0, 0.0))
 
 
+def test_mux_that_dies_in_motion_has_a_story() -> None:
+    """Nobody says stop then; the drive stops, for its commands end."""
+    still = (said(ms, f'{DRIVE}/joint_states', joints(0.0, 0.0)) for ms in range(150, 2000, 50))
+    found = story([*driving(), said(60, f'{DRIVE}/enabled', Bool(data=False)), *still])
+    assert found[:2] == [
+        f'2001-09-09 07:31:39.950+05:45: {MUX} is not heard any more',
+        "  before it: ACTIVE, 'fort' had control",
+    ]
+    assert f'  {DRIVE} was disabled 110 ms after the stop' in found
+
+
 def test_story_says_who_asked_what_was_heard_last_and_that_the_drive_obeyed() -> None:
     found = story(reversed([*driving(), *stopping(), *obeying()]))
     assert found == [

@@ -246,6 +246,9 @@ def test_what_the_recording_does_not_have_is_named(
 def test_recording_that_cannot_be_judged_is_refused(what: str, sound: Loaded) -> None:
     with pytest.raises(ValueError, match='in it'):
         verdicts(replace(sound, **{what: type(getattr(sound, what))()}))
+    undecided = [each for each in sound.said if each.topic != f'{MUX}/command']
+    with pytest.raises(ValueError, match='decided is not in it'):
+        verdicts(replace(sound, said=undecided))
 
 
 @pytest.mark.parametrize(
