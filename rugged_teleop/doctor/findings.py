@@ -255,6 +255,9 @@ domain unseen: look, graph
 node not live: look, graph
     {node}: has a section in the files, and is not seen
     -> start it
+node silent: look, graph
+    {node}: is there, and was not heard
+    -> look again; if that stays so, it hangs, or was killed: start it again
 types differ: do, graph
     {topic}: its ends have different types: {kinds}
     -> correct the wrong one

@@ -202,6 +202,9 @@ def graph_findings(graph: Graph, expected: Iterable[str] = ()) -> Iterator[Findi
         yield from (finding('node not live', node=name) for name in expected if name not in live)
     else:
         yield finding('no nodes live')
+    speaks = {f'/{each.name.partition(": ")[0]}' for each in graph.said}
+    says = {each.node for each in graph.endpoints if each.publishes and each.topic == _SHARED[0]}
+    yield from (finding('node silent', node=name) for name in live if name in says - speaks)
     by_topic = sorted(graph.endpoints, key=lambda each: each.topic)
     for topic, group in itertools.groupby(by_topic, lambda each: each.topic):
         endpoints = list(group)

@@ -114,6 +114,15 @@ def test_nodes_that_are_missing_are_found() -> None:
     assert kinds(found) == ['nodes live', 'node not live']
 
 
+def test_node_that_hangs_is_found() -> None:
+    """Its topics are listed as those of one that runs."""
+    says = published('/safety_mux', '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
+    _, *found = graph_findings(Graph([says], []))
+    assert kinds(found) == ['node silent']
+    _, *found = graph_findings(Graph([says], [Said('safety_mux', 0, 'ok')]))
+    assert found == []
+
+
 def test_what_nodes_say_is_repeated() -> None:
     said = [
         Said('a: link', 2, 'check cable'),
