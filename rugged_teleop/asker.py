@@ -35,21 +35,16 @@ class Visitor:
     A node for a while, in a context of its own, with no parameters and no log; a context manager.
 
     :param name: of the node; one that begins with an underscore is hidden from lists.
-    :param signals: who handles SIGINT and SIGTERM; by default they end it as any other command.
     :param beside: another one, whose context it shares: when either spins, both hear.
     """
 
-    def __init__(
-        self,
-        name: str,
-        signals: SignalHandlerOptions = SignalHandlerOptions.NO,
-        beside: Visitor | None = None,
-    ) -> None:
+    def __init__(self, name: str, beside: Visitor | None = None) -> None:
         self._is_alone = beside is None
         if beside is None:
             avoid_shared_memory()
             self._context = Context()
-            rclpy.init(args=[], context=self._context, signal_handler_options=signals)
+            no_signals = SignalHandlerOptions.NO  # they end it as any other command
+            rclpy.init(args=[], context=self._context, signal_handler_options=no_signals)
             self._executor = SingleThreadedExecutor(context=self._context)
         else:
             self._context, self._executor = beside._context, beside._executor

@@ -15,7 +15,6 @@ from rugged_teleop.commission.looks import instead
 from rugged_teleop.commission.step import (
     Act,
     Command,
-    Measured,
     Phase,
     Question,
     Record,
@@ -181,7 +180,10 @@ class Engine:
                 self._undo(step.undo)
             finally:
                 self._rest()
-        record.measured = [self._patient(each) for each in record.measured]
+        record.measured = [
+            each if each.limit is None else replace(each, limit=each.limit * self._patience)
+            for each in record.measured
+        ]
         late = [each for each in record.measured if not each.is_within]
         if seen is None and late:
             seen = Seen(False, '; '.join(each.text for each in late))
@@ -199,9 +201,6 @@ class Engine:
                 if mark in marks
             }
             record.piece = self._machine.keep(step.name, began)
-
-    def _patient(self, each: Measured) -> Measured:
-        return each if each.limit is None else replace(each, limit=each.limit * self._patience)
 
     def _findings(self, step: Step, record: Record) -> Seen | None:
         """Have what is found in the configuration accepted, or fail."""

@@ -18,7 +18,6 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, String, UInt8MultiArray, UInt16MultiArray
 from std_srvs.srv import Trigger
@@ -84,7 +83,7 @@ class Running(Visitor):
         without_mux: Callable[[str], contextlib.AbstractContextManager[Any]],
         folder: Path | None = None,
     ) -> None:
-        super().__init__('_commission', SignalHandlerOptions.NO)
+        super().__init__('_commission')
         self.history = History(time.time() - clock.now())
         self._machine, self._without_mux, self._folder = machine, without_mux, folder
         self.on_spin: Callable[[], None] = lambda: None

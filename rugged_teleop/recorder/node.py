@@ -239,6 +239,8 @@ class Recorder(ManagedNode):
     def _step(self, now: float) -> None:
         """Begin, continue and end a recording."""
         schedule = self._schedule
+        if schedule.is_open and self._writer.error:  # it failed; the next stop has one of its own
+            schedule.is_open, schedule.reason = False, ''
         if self._batch:
             self._batch.sort(key=lambda heard: heard.at)
             self._writer.add(self._batch)

@@ -148,6 +148,7 @@ class FileWriter:
     def begin(self, reason: str, parameters: Parameters, messages: Sequence[Heard]) -> str:
         """Begin a file with these messages; return its name, as far as it is known."""
         name = file_name(time.time(), reason)
+        self.error = ''
         self._put(len(messages), self._begin, name, parameters, messages)
         return name
 

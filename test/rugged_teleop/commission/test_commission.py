@@ -178,7 +178,12 @@ def test_nothing_is_reset_for_ever_where_nobody_says_that_he_is_there() -> None:
     paper.person = math.inf
     paper.history.add('state', 100.0, 'STOPPED')
     paper.history.add('status', 100.0, {'stops clear': 'true', 'operators at rest': 'true'})
-    paper.reset = lambda: (resets.append(paper.time), (True, ''))[1]  # type: ignore[method-assign]
+
+    def reset() -> tuple[bool, str]:
+        resets.append(paper.time)
+        return True, ''
+
+    paper.reset = reset  # type: ignore[method-assign]
     paper.wishes = [''] * 10_000 + ['done']
     phase = Phase('ready', lambda *_: None, (Act('arm'),), limit=1.0, resets=True)
     _engine(paper).run(Step(name='a', title='a', phases=(phase,)))

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import errno
+import os
 from pathlib import Path
 import threading
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -485,6 +487,25 @@ def test_stop_is_not_recorded_again_when_the_node_is_activated_again(
     node.shut_down()
     node.destroy_node()
     assert len([*tmp_path.glob('*.mcap')]) == 1
+
+
+def test_stop_soon_after_a_recording_that_failed_is_recorded(
+    context: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {'folder': str(tmp_path), 'seconds': 5.0, 'after': 1.5, 'period': 3.0}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = Recorder(context=context, parameter_overrides=overrides)
+    node.trigger_configure()
+    node.trigger_activate()
+    with monkeypatch.context() as full:
+        full.setattr(RecordingFile, 'flush', lambda _: os.write(-1, b''))
+        node.lane.call(node._schedule.ask, 'stop', clock.now())
+        wait_for(lambda: bool(node._writer.error), what='an error')
+    time.sleep(0.3)  # it would have gone on
+    node.lane.call(node._schedule.ask, 'stop', clock.now())
+    wait_for(lambda: [*tmp_path.glob('*_stop.mcap*')], what='a recording of the second')
+    node.shut_down()
+    node.destroy_node()
 
 
 @pytest.mark.parametrize(
