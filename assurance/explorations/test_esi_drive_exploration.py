@@ -367,7 +367,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'mux': (14827, 151431),
     'silence': (7444, 61706),
     'one read': (34775, 599105),
-    'busy': (8789, 72939),
+    'busy': (14865, 124503),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
 EACH_SCENES: dict[str, dict[str, Any]] = {

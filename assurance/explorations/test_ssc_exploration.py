@@ -71,7 +71,7 @@ class World(SessionWorld[Session]):
         self.asked, self.asked_at = '', -math.inf  # of the e-stop input
         self.command, self.commanded_at = '', -math.inf  # one that counts
         self.pulses: tuple[int, ...] | None = None  # that went out last
-        self.gap = False  # what went out before the port was closed may be in force
+        self.owed = False  # the next message is the failsafe: after a stop, or a closed port
         self.moving = False
 
     def sound(self) -> bool:
@@ -88,9 +88,18 @@ class World(SessionWorld[Session]):
 
     def watch(self) -> None:
         """Forget a command as soon as anything is missing."""
-        heard = self.now - self.asked_at < self.FRESH and self.asked == 'clear'
-        if not (self.sound() and heard and self.now - self.commanded_at < self.FRESH):
+        if not self.allowed():
+            self.stop()
+        elif self.now - self.commanded_at >= self.FRESH:
             self.command = ''
+
+    def allowed(self) -> bool:
+        heard = self.now - self.asked_at < self.FRESH and self.asked == 'clear'
+        return self.sound() and heard
+
+    def stop(self) -> None:
+        self.owed |= bool(self.command) and self.pulses is not None
+        self.command = ''
 
     def hear(self, said: Sequence[str]) -> None:
         stop_said = self.stop_said
@@ -120,11 +129,12 @@ class World(SessionWorld[Session]):
         elif what == 'bad':
             with pytest.raises(ValueError, match='nan'):
                 self.session.set_servos({'pan': math.nan}, self.now)
-            self.command = ''
+            self.stop()
         elif what != 'silent':
             self.session.set_servos(dict.fromkeys(('pan', 'tilt'), POSITIONS[what]), self.now)
-            self.command, self.commanded_at = what, self.now
             self.watch()
+            if self.allowed():
+                self.command, self.commanded_at = what, self.now
 
     def keep(self, output: tuple[list[Any], list[Any]]) -> None:
         super().keep(output)
@@ -141,8 +151,8 @@ class World(SessionWorld[Session]):
         self.watch()
         pan, tilt, *others = pulses
         assert not any(others), 'an output that nobody commands'
-        if self.gap:  # what was asked for before this message is forgotten
-            self.gap, self.command = False, ''
+        if self.owed:  # what was asked for before this message is forgotten
+            self.owed, self.command = False, ''
         if not self.command:
             assert (pan, tilt) == (0, TILT.failsafe_us), f'no failsafe: {pan}, {tilt}'
             return
@@ -160,7 +170,7 @@ class World(SessionWorld[Session]):
         if not self.verdict.estop:
             assert self.session.deadline() <= (self.heard_at or 0.0) + self.LINK, 'slept'
         if not self.open:
-            self.gap |= self.pulses is not None
+            self.owed |= self.pulses is not None
             self.pulses = None
         elif self.pulses is not None and not self.command:
             assert self.pulses[:2] == (0, TILT.failsafe_us), 'what was asked is still out'
@@ -196,8 +206,8 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS: dict[str, tuple[int, int]] = {
-    'device': (3987, 63214),
-    'mux': (5441, 44527),
-    'commands': (13753, 117352),
+    'device': (4209, 66410),
+    'mux': (4153, 34055),
+    'commands': (11161, 96012),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)

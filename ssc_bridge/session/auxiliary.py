@@ -193,7 +193,7 @@ class AuxOutputCommands:
         """Send all levels as they are to be, and no pulses of these places and those before."""
         self._undone_levels |= bool(self._levels)
         self._undone_pulses |= set(pulsing)
-        self._queue.insert(0, self._undo())  # what is asked next does not end it unsent
+        self._queue.append(self._undo())  # what is asked next does not end it unsent
         self._undos.start(now + _UNDO_PERIOD)
         self._undos_left = UNDO_FRAMES - 1
 
