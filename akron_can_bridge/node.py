@@ -30,7 +30,6 @@ from akron_can_bridge.session import (
     UnitChanged,
 )
 from akron_can_bridge.wire import BRIDGE
-from bridge_core.input_guard import COMMAND_QOS
 from bridge_core.managed_node import latched_qos
 from bridge_core.node import BridgeNode
 from bridge_core.parameters import ACTUATOR_PARAMETERS, Parameter
@@ -69,7 +68,7 @@ class AkronCanBridge(BridgeNode[Event]):
         # What comes first here is read first.
         self.stop_input('~/estop_in', self._on_estop_in)
         self.command_input(Joy, '~/cmd_joy', self._on_cmd_joy)
-        self.asked_input(UInt8, '~/soe_directions', self._on_soe_directions, COMMAND_QOS)
+        self.command_input(UInt8, '~/soe_directions', self._on_soe_directions)
 
     def forget_device(self) -> None:
         """Publish that nothing is known of the unit, and neutral sticks after others."""

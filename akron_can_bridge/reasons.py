@@ -50,6 +50,8 @@ akron.foreign: stop, operator: Akron unit: a foreign joystick drives it
     a foreign joystick drives the unit past the mux: address …, frame …; if it is meant to drive
         the unit beside the mux, list it in allowed_joysticks; else take it off this bus
     another sender uses our own source_address: address …, frame …; …
+    a foreign controller gives the unit the SOE permission: address …, frame …; take it off this
+        bus, or set soe_permissive to false
     -> Let go of that joystick
     -> Allow it: allowed_joysticks
     more devices/akron.md#what-is-a-stop

@@ -106,6 +106,8 @@ FRAMES = {  # by what a script calls them; `stick` is neutral, `right` is held t
     'back': joystick('0100046400000000'),
     'broken': joystick('127D010000000000'),
     'setup': ef('46', destination=OURS),
+    'tool': ef('46', destination=0x05),
+    'permits': ef('A1000F', 0x05, UNIT),
 }
 E = TypeVar('E')
 

@@ -19,11 +19,12 @@ from akron_can_bridge.protocol import (
     ExtendedJoystick,
     JOYSTICK_ADDRESSES,
     JOYSTICK_TIMEOUT,
+    PROPRIETARY_PGN,
     Status,
 )
 from akron_can_bridge.session.events import AXIS_NAMES, Sticks
 from akron_can_bridge.session.settings import Settings
-from bridge_core.j1939 import CanFrame
+from bridge_core.j1939 import CanFrame, J1939Id
 from bridge_core.reasons import Coded
 from bridge_core.session import HeldButtons, StickStream
 from bridge_core.watchdog import Watchdog
@@ -36,6 +37,7 @@ _MANUAL_HINT = (
     'if it is meant to drive the unit beside the mux, list it in allowed_joysticks; else take it '
     'off this bus'
 )
+_SOE_HINT = 'take it off this bus, or set soe_permissive to false'
 _VSC_HINT = (
     "by identifier and bytes this is a FORT VSC's left joystick: change the VSC's identifiers "
     'with its configuration tool, or give the unit a bus of its own'
@@ -71,9 +73,12 @@ class Joysticks:
         self.faulty = ()
 
     def hear_sender(self, frame: CanFrame, source: int, now: float) -> None:
-        """Note a sender, be its data sound or not: a unit may be less strict than we are."""
-        if source in JOYSTICK_ADDRESSES:
-            self._heard[source] = (now, frame)
+        """
+        Note a sender, be its data sound or not: a unit may be less strict than we are.
+
+        :param frame: of a joystick that a unit obeys, or A1 to ours, where we are to send that.
+        """
+        self._heard[source] = (now, frame)
 
     def hear_sticks(
         self, message: BasicJoystick | ExtendedJoystick, source: int, now: float
@@ -165,6 +170,8 @@ class Joysticks:
         else:
             text = 'a foreign joystick drives the unit past the mux'
         hint = _VSC_HINT if _is_of_vsc(frame) else _MANUAL_HINT
+        if J1939Id.from_identifier(frame.identifier).pgn == PROPRIETARY_PGN:
+            text, hint = 'a foreign controller gives the unit the SOE permission', _SOE_HINT
         return f'{text}: address {address:02X}, frame {frame.identifier:08X}; {hint}'
 
     def _sticks_of(self, basic: BasicJoystick, now: float) -> Sticks:

@@ -35,6 +35,7 @@ _FROM_ANYONE = tuple(
         MessageType.DIGITAL_INPUTS,
     )
 )
+_PERMISSIVE, _SETUP = bytes((MessageType.SOE_PERMISSIVE,)), bytes((MessageType.ENTER_SETUP,))
 _DIRECTIONS = sum(Permission)
 _NAME_REQUEST = protocol.FieldRequest().to_bytes()
 _IN_SETUP = Coded(
@@ -179,7 +180,8 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
 
     def _take(self, message: Received, now: float) -> None:
         frame, sender, content = message
-        if sender.pgn in JOYSTICK_PGNS:
+        by_stick = sender.pgn in JOYSTICK_PGNS and sender.source in protocol.JOYSTICK_ADDRESSES
+        if by_stick or isinstance(content, protocol.SoePermissive):
             self.joysticks.hear_sender(frame, sender.source, now)
         if isinstance(content, BasicJoystick | ExtendedJoystick):
             self._emit_all(self.joysticks.hear_sticks(content, sender.source, now))
@@ -188,7 +190,9 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
         elif isinstance(content, protocol.FieldRequest):
             self.finder.asked(now)
         elif content is not None:
-            self._take_proprietary(content, sender.source, now)
+            self._in_setup |= isinstance(content, protocol.EnterSetup)  # whoever asked for it
+            if self._is_to_us(sender):
+                self._take_proprietary(content, sender.source, now)
 
     def _verdict(self, now: float) -> Verdict:
         """Return the verdict; a lost link counts as ``estop_on`` says, like all causes."""
@@ -403,9 +407,15 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
             return to_unit and data == _NAME_REQUEST
         if sender.pgn != protocol.PROPRIETARY_PGN:
             return sender.pgn == protocol.NAME_PGN or sender.pgn in JOYSTICK_PGNS
-        if sender.destination not in (GLOBAL_ADDRESS, self.settings.source_address):
-            return False
-        return sender.source == self.finder.address or data[:1] in _FROM_ANYONE
+        if data[:1] == _PERMISSIVE:
+            to_unit = sender.destination in (GLOBAL_ADDRESS, self.finder.address)
+            return self.settings.soe_permissive and to_unit
+        if sender.source == self.finder.address:
+            return self._is_to_us(sender) or data == _SETUP
+        return self._is_to_us(sender) and data[:1] in _FROM_ANYONE
+
+    def _is_to_us(self, sender: J1939Id) -> bool:
+        return sender.destination in (GLOBAL_ADDRESS, self.settings.source_address)
 
     def _is_ours(self, sender: J1939Id) -> bool:
         """Tell whether what a frame claims to be is what it must be."""
@@ -433,8 +443,6 @@ class Session(ActuatorSession[CanFrame, Received, Event]):
             self._emit(events.Positions(message.rotation.radians, message.elevation.radians))
         elif isinstance(message, protocol.RotationSoftLimits):
             self._take_oscillation(message, now)
-        elif isinstance(message, protocol.EnterSetup):
-            self._in_setup = True
         elif isinstance(message, protocol.FaultStatus):
             faults = () if message == NO_FAULT else (in_words(message),)
             if faults != self._faults:

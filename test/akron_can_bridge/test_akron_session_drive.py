@@ -317,6 +317,9 @@ ENDED = '; 0.1 rest stop; stand; says stands; 1 rest'
 PERMITTED: list[tuple[dict[str, Any], str, str]] = [  # settings, what happens, each change of A1
     ({}, 'find; 0.2 rest; 0.2 water; 0.8 move', '0 F'),
     ({}, f'{PUSHED}estop', '0 F 0'),
+    # Another one that gives it would undo every stop.
+    ({}, f'{PUSHED}say permits; 0.5 move', '0 F 0'),
+    ({}, f'{PUSHED}say permits; 1.1 rest; 0.1 move', '0 F 0 F'),
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest', '0 F 0'),
     ({}, f'{PUSHED}0.5 move stop; 0.1 move; 0.1 rest; do move', '0 F 0 F'),
     ({'link_timeout': 0.6}, f'{PUSHED}0.1 rest; wait 1; 1 rest', '0 F 0'),

@@ -20,7 +20,7 @@ from akron_can_bridge.protocol import (
 from akron_can_bridge.session import Settings, Sticks
 from akron_can_bridge.session.joysticks import Joysticks
 from bridge_core.session import StopChanged, Verdict
-from stage.akron_session_rig import Bench, joystick, MOVE, of, OURS
+from stage.akron_session_rig import Bench, ef, joystick, MOVE, of, OURS
 
 # The manual's examples: 50 % right, 40 % back, switch 2; grips alike, switch 15, no theta.
 BASIC, EXTENDED = '107D046400100000', '107D0464FFFF0004'
@@ -74,6 +74,16 @@ def test_any_other_sender_is_a_stop_even_at_rest_for_as_long_as_it_is_heard(
         assert bench.session.joysticks.present(bench.now) == {source: 'foreign'}
     bench.run(0.2, MOVE)
     assert not bench.session.estop
+
+
+@pytest.mark.parametrize('ours', [True, False])
+def test_second_one_that_gives_the_permission_is_a_stop_where_it_is_ours(ours: bool) -> None:
+    bench = Bench(soe_permissive=ours).moving()
+    bench.take(ef('A1000F', 0x05, 0x81))  # to another unit
+    assert not bench.session.estop
+    bench.play('say permits')
+    said = 'gives the unit the SOE permission: address 05, frame 18EF8005; take it off this bus'
+    assert (said in str(bench.session.stop_reasons(bench.now))) is ours
 
 
 @pytest.mark.parametrize('size', range(8))

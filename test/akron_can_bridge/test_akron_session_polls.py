@@ -357,6 +357,7 @@ SETUPS = [  # what happens, and whether the unit may be in setup mode then
     (ASKED_FOR_SETUP, False),
     (f'{ASKED_FOR_SETUP}say setup; 0.1 rest', True),
     ('find; say setup; 0.1 rest', True),  # nobody asked
+    ('find; say tool; 0.1 rest', True),  # or a maker's tool did
     # Its acknowledgement was lost, or what was heard, or the port.
     (f'{ASKED_FOR_SETUP}1.1 rest', True),
     (f'{ASKED_FOR_SETUP}lost; say unit outputs well; 1.1 rest', True),

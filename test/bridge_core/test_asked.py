@@ -21,7 +21,6 @@ from sensor_msgs.msg import JoyFeedback
 from std_msgs.msg import String, UInt8, UInt8MultiArray, UInt16
 from std_srvs.srv import Trigger
 
-from akron_can_bridge.node import AkronCanBridge
 from bridge_core import lane
 from bridge_core.node import BridgeNode
 from bridge_core.rclpy_inner import DatingExecutor
@@ -35,7 +34,6 @@ from vm110_bridge.node import Vm110Bridge
 
 DATA = UInt8MultiArray(data=[1] * 16)
 TOPICS: list[tuple[Any, str, Any]] = [
-    (AkronCanBridge, 'soe_directions', UInt8(data=1)),
     (FortVscBridge, 'set_feedback', JoyFeedback(type=JoyFeedback.TYPE_RUMBLE, intensity=0.5)),
     (FortVscBridge, 'set_user_value', KeyValue(key='1', value='2')),
     (FortVscBridge, 'set_user_name', KeyValue(key='1', value='a')),

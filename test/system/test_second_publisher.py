@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from sensor_msgs.msg import JointState, Joy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8
 
 from akron_can_bridge.simulator import Simulator as Unit
 from stage import akron_node_rig as akron, ssc_bench as ssc
@@ -47,12 +49,17 @@ def test_signal_leaves_servos_at_their_failsafe(controller: ssc.Bench, number: i
     controller.wait(lambda: controller.seen()['outputs_us'][:2] == [1200, 0], 'the failsafe')
 
 
+@pytest.mark.parametrize(
+    ('topic', 'message', 'more'),
+    [('cmd_joy', akron.MOVE, 1), ('soe_directions', UInt8(data=15), 2)],
+)
 def test_second_commander_of_a_monitor_makes_it_neutral(
-    observer: Observer, can_bus: CanBus
+    observer: Observer, can_bus: CanBus, topic: str, message: Any, more: int
 ) -> None:
     with akron.Station(Unit(), can_bus) as unit, akron.bench_of(observer, can_bus) as bench:
         bench.connect().drive(unit)
-        second = Talker(observer, Joy, f'{bench.name}/cmd_joy', akron.MOVE)
+        for _ in range(more):
+            second = Talker(observer, type(message), f'{bench.name}/{topic}', message)
         bench.wait(lambda: DOUBLED in bench.told(), 'why')
         bench.wait(lambda: unit.joystick_frames(0x38)[-1] == akron.NEUTRAL, 'neutral')
         bench.wait(lambda: not unit.look('moving'), 'rest')

@@ -4,12 +4,13 @@
 """
 Which packet is newer: manual section 3.2, 'Serial'.
 
-A network loses, doubles and reorders datagrams. Only a packet that is newer than all before it
-may say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew,
-which looks like very old packets, so a new beginning has to last before it is believed. Until then
-its packets are not taken for copies of those that had their numbers: a copy comes soon, and says
-the same. One whose number is missing is late, and no beginning. After that, what comes late of the numbers before would look new: it is known by them for
-a while, and where both lines have the same numbers, by what it says.
+A network loses, doubles and reorders datagrams. Only a packet that is newer than all before it may
+say how things are now. Numbers wrap at 65536; a base unit that was restarted begins anew, which
+looks like very old packets, so a new beginning has to last before it is believed. Until then its
+packets are not taken for copies of those that had their numbers: a copy comes soon, and says the
+same. One whose number is missing is late, and no beginning. After that, what comes late of the
+numbers before would look new: it is known by them for a while, and where both lines have the same
+numbers, by what it says.
 """
 
 from __future__ import annotations
