@@ -240,7 +240,8 @@ class FarWorld(SessionWorld[Session]):
 
     CALM = {'vsc': 'ok', 'steps': '0', 'answers': 'yes'}
     LIMIT = 4 * SessionWorld.STEP  # line_age_limit
-    PATIENCE = 7 * SessionWorld.STEP  # more than any delay
+    PATIENCE = 4 * SessionWorld.STEP  # less than the longest delay
+    FIRST_PATIENCE = 14 * SessionWorld.STEP
 
     def __init__(self, reads: Sequence[str] = (), **said: str) -> None:
         del reads
@@ -251,11 +252,11 @@ class FarWorld(SessionWorld[Session]):
             heartbeat_rate=8.0,
         )
         lately = self.LIMIT + 2 * self.STEP
-        old = {'': lately, '_asked': 2 * self.PATIENCE, 'under_way': lately, '_free_at': 0.0}
+        old = {'': lately, '_asked': self.FIRST_PATIENCE, 'under_way': lately, '_free_at': 0.0}
         apart = (*APART, '_judgement', '_pacer', '_stop', 'heard_at')
         super().__init__(Session(settings), said, old=old, apart=apart, unnamed=('_newest',))
         self.session._line.PATIENCE = self.PATIENCE  # type: ignore[union-attr]
-        self.session._line.FIRST_PATIENCE = 2 * self.PATIENCE  # type: ignore[union-attr]
+        self.session._line.FIRST_PATIENCE = self.FIRST_PATIENCE  # type: ignore[union-attr]
         self.under_way: list[tuple[bytes, float]] = []  # what the VSC said, and when
         self.spoke_at = self.now
         self.said_at = -math.inf  # the newest heartbeat that came
@@ -306,7 +307,7 @@ class FarWorld(SessionWorld[Session]):
         assert self.verdict.estop or young or not known, 'clear by old words'
 
     def revive(self) -> None:
-        steps = round((2 * self.PATIENCE + LATE_TIME + 2.0) / self.STEP)
+        steps = round((self.FIRST_PATIENCE + LATE_TIME + 2.0) / self.STEP)
         while self.verdict.estop or self.session.as_of(self.now) == -math.inf:
             assert (steps := steps - 1), 'no way out of a stop'
             self.step('')
@@ -366,7 +367,7 @@ COUNTS: dict[str, tuple[int, int]] = {
     'device': (2005, 37664),
     'echo': (6242, 62088),
     'busy': (9393, 73397),
-    'far': (80617, 364151),
+    'far': (71139, 322051),
     'can': (19175, 355145),
     'hid': (524, 8104),
 }  # states, and steps between them
