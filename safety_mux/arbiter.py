@@ -18,6 +18,7 @@ Decided here, where the rules leave a choice:
 * The first output of an owner is never its own demand: that counts once the output was zero.
 * A deadman pressed when it cannot take effect (too early, within hold_time, under a higher owner,
   in the tick of a release) gives no control: release it, rest for neutral_time, press again.
+  So does one that was pressed then, and comes later.
 * Nobody drives on against a higher operator that moves its sticks or presses its deadman: the
   output goes to zero, then the mux is READY. Only that moment counts, so sticks that stay off
   neutral lock nobody out.
@@ -167,6 +168,7 @@ class Arbiter(Stops):
         for operator in self.operators.values():
             if self.guard_stops(operator, now):  # what it sends then need not be what is held
                 operator.rest.end()
+                operator.rests_from = now + self.config.neutral_time
         demand = self._output(dt, now)
         stop_demand = self.stop_demand(now)
         for each in self.inputs:
@@ -309,6 +311,8 @@ class Arbiter(Stops):
         self.transition = Transition(now, self.state, state, reason, causes)
         if self.feedback is not None and self.state.enables and not state.enables:
             self.feedback.told_to_stand(now)
+        for operator in self.operators.values():
+            operator.rests_from = now + self.config.neutral_time * (self.state is State.STOPPED)
         self.state = state
         self._settled = False
 

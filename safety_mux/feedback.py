@@ -63,7 +63,7 @@ class FeedbackInput(Input):
     @property
     def _is_news(self) -> bool:
         """Whether the speeds were measured since the command became 0, as far as is proven."""
-        return self._at_zero and (self.age is None or self.age.age(self._zero_at) <= 0.0)
+        return self._at_zero and self.is_since(self._zero_at)
 
     def standing(self, now: float) -> bool:
         """Return whether all joints stand, measured since the command became 0."""

@@ -80,6 +80,10 @@ class Input:
         """Tell whether what it says is older than it may be, or may be, as far as is proven."""
         return self.age is not None and self.age.expired(now)
 
+    def is_since(self, moment: float) -> bool:
+        """Tell whether what it says is no older than a moment, as far as ages are proven."""
+        return self.age is None or self.age.age(moment) <= 0.0
+
     def prove(self, as_of: float, now: float) -> None:
         """Record that what it says is no older than this moment; -inf: nobody knows how old."""
         if self.age is None:

@@ -51,12 +51,14 @@ class OwnerInput(Input):
         super().__init__(label, timeout, name=name, **options)
         self.neutral_time = neutral_time
         self.rest = Run(neutral_time)
+        self.rests_from = -math.inf  # a sample from before ends no rest, where ages are proven
         self.demand: Demand = ()
 
     @property
     def rested(self) -> bool:
         """Whether the neutral samples up to the newest one span ``neutral_time``."""
-        return self.rest.since is not None and self.rest.length >= self.neutral_time
+        rests = self.rest.since is not None and self.rest.length >= self.neutral_time
+        return rests and self.is_since(self.rests_from)
 
     @property
     def use(self) -> str:

@@ -39,10 +39,13 @@ def values_of(given: dict[str, Any]) -> dict[str, Any]:
 class Plant:
     """A mux, one bridge with its remote, and a network that delays what each direction carries."""
 
-    def __init__(self, proof: Any = 'auto', *, proves: bool = True) -> None:
+    def __init__(
+        self, proof: Any = 'auto', *, proves: bool = True, counts: Any = 'always'
+    ) -> None:
+        source = EStopSource('fort', counts=counts, operator='fort', own_topic=True, proof=proof)
         config = MuxConfig(
             joints=1,
-            sources=(EStopSource('fort', own_topic=True, proof=proof),),
+            sources=(source,),
             operators=(Operator('fort', 10, proof=proof),),
         )
         limiter = JointLimiter((JointLimit(10.0, 100.0, 100.0),))
@@ -202,6 +205,37 @@ def test_sticks_that_are_old_are_a_stop_though_proofs_are_young() -> None:
     assert "operator 'fort' is old" in plant.arbiter.transition.reason
 
 
+@pytest.mark.parametrize('counts', ['always', 'when_owner'])
+def test_deadman_that_was_pressed_before_it_could_count_gives_no_control_however_late_it_comes(
+    monkeypatch: pytest.MonkeyPatch, counts: str
+) -> None:
+    """Before the reset; or during the operator's own stop, while his remote says neutral."""
+    plant = Plant(counts=counts)
+    send = plant.send
+
+    def send_joys_late(what: str, contents: Any) -> None:
+        plant.delay = 0.45 if what == 'joy' else 0.0
+        send(what, contents)
+
+    monkeypatch.setattr(plant, 'send', send_joys_late)
+    plant.writer.say(estop=False, own_estop=False)
+    plant.run(1.5)
+    if counts == 'when_owner':
+        assert plant.arbiter.reset(plant.now).ok
+        plant.run(1.0)
+        plant.press(True)
+        plant.run(0.3)
+        plant.press(False)
+    plant.sample = DRIVE
+    plant.run(0.05)
+    assert counts == 'when_owner' or plant.arbiter.reset(plant.now).ok
+    plant.run(1.0)
+    assert plant.state is State.READY
+    assert 'held its deadman before it could count' in '; '.join(
+        plant.arbiter.status(plant.now).inhibits
+    )
+
+
 def test_node_without_proofs_drives_in_auto_and_not_where_they_are_required() -> None:
     Plant(proves=False).drive()
     Plant('required').drive()
@@ -339,7 +373,7 @@ def test_rest_on_words_that_nobody_proved_gives_no_control(proof: Any) -> None:
         operator.count_as_silent()  # the mux was frozen
     for sixteenth in range(5):  # they may be of long ago
         operator.sample(REST, 1.0 + sixteenth / 16)
-    assert operator.rested
+    assert operator.rest.length == operator.neutral_time
     operator.sample(DRIVE, 1.25)
     operator.prove(1.25, 1.25)
     assert not operator.pressed
