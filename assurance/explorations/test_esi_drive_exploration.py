@@ -365,7 +365,7 @@ SCENES: dict[str, dict[str, Any]] = {
 COUNTS: dict[str, tuple[int, int]] = {
     'drive': (34182, 397674),
     'mux': (14827, 151431),
-    'silence': (7444, 61706),
+    'silence': (12580, 102846),
     'one read': (34775, 599105),
     'busy': (14865, 124503),
 }  # states, and steps between them
@@ -399,10 +399,10 @@ EACH_SCENES: dict[str, dict[str, Any]] = {
     },
 }
 EACH_COUNTS: dict[str, tuple[int, int]] = {
-    'one axis': (2443, 14692),
-    'one command': (3896, 19530),
-    'two enables': (6437, 32243),
-    'one cleared': (2435, 12189),
+    'one axis': (6782, 40958),
+    'one command': (4968, 24978),
+    'two enables': (8619, 43253),
+    'one cleared': (3037, 15223),
 }
 test_each_axis_near_the_start, test_each_axis = visits_of(
     EachWorld, EACH_SCENES, EACH_COUNTS, near=200
