@@ -463,14 +463,14 @@ SCENES: dict[str, dict[str, Any]] = {
     },
 }
 COUNTS = {
-    'late': (1924, 13468),
-    'apart': (6432, 57888),
-    'lost': (1391, 9737),
-    'lives': (2005, 19521),
-    'late lives': (2018, 14888),
-    'clock': (3205, 19230),
-    'pad': (147, 637),
-    'drive': (595, 3570),
+    'late': (5126, 35882),
+    'apart': (19084, 171756),
+    'lost': (2535, 17745),
+    'lives': (5107, 49752),
+    'late lives': (5486, 40558),
+    'clock': (6993, 41958),
+    'pad': (233, 1019),
+    'drive': (698, 4188),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=100)
 
