@@ -81,6 +81,7 @@ class NoDecoder:
     """Of a line that says nothing."""
 
     deadline = math.inf
+    held_up = 0.0
     counters = Counters()
 
     def feed(self, data: bytes, now: float) -> list[bytes]:
