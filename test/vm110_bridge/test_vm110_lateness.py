@@ -116,6 +116,20 @@ def test_delay_that_came_in_a_stall_stays_late_for_as_long_as_it_stays(delay: fl
     assert not found[-1][2]
 
 
+@pytest.mark.parametrize('period', [0.124, 0.125, 0.126])
+@pytest.mark.parametrize('at', [1.0, 5.0, 60.0, 900.0])
+@pytest.mark.parametrize('step', [0.7, 3.0])
+def test_delay_that_came_while_the_period_was_not_known_well_ends_with_its_queue_alone(
+    period: float, at: float, step: float
+) -> None:
+    shakes = jitter(0.05)
+    _, found = heard(
+        7200.0, lambda sent: step * (at < sent < 7000.0) + shakes(sent), period=period
+    )
+    assert {late for sent, _, late in found if at + 1.0 < sent < 6990.0} == {True}
+    assert not found[-1][2]
+
+
 def test_late_ends_at_half_of_the_limit() -> None:
     delays = (0.0,) * 10 + (0.6, 0.4, 0.2)  # for 100 s each
     _, found = heard(1299.0, lambda sent: delays[int(sent / 100)])

@@ -52,8 +52,12 @@ class Lateness:
             self.heard(serial, now)
             return
         tolerance = min(max(_JITTER / max(self._watched, _JITTER), _DRIFT), _MOST_ERROR)
-        expected = periods * self._period * (1.0 + tolerance)
-        lag = self.lag + gap - expected
+        expected = periods * self._period
+        lag, drift = self.lag + gap - expected, expected * tolerance
+        if self.is_late:  # what drifts, perhaps, makes it no younger: it ends as the queue does
+            lag = min(max(lag - drift, self.limit), lag + drift)
+        else:
+            lag -= drift
         self.lag = max(lag, 0.0)
         self._held = self._held[0] + gap, self._held[1] + periods
         if lag < -_EARLY:
@@ -77,7 +81,7 @@ class Lateness:
 
     @property
     def _period(self) -> float:
-        if not self._periods:
+        if self._watched * _MOST_ERROR < _JITTER:  # the manual knows it better
             return PERIOD
         least, most = PERIOD * (1.0 - _MOST_ERROR), PERIOD * (1.0 + _MOST_ERROR)
         return min(max(self._watched / self._periods, least), most)
