@@ -87,7 +87,7 @@ def _why_still(mux: Arbiter, owner: OwnerInput, now: float) -> list[Coded]:
         return []
     if mux.scale(now) == 0.0:
         return _slowed(mux, now)
-    if not mux.through_zero:
+    if not mux.through_zero and mux.limiter.words:
         return mux.limiter.words
     first = f'the output passes through zero first{_motion(mux, now)}'
     return [Coded('mux.operator.starts', f'{owner.label} takes control: {first}')]

@@ -331,6 +331,8 @@ WORDS = {
     'why an owner stands still': """active low; low left; 0.25 s; lists nothing; high held; send;
         tick; says 'high' takes control: the output passes through zero first; 0.25 s;
         lists operator 'high' has control and asks for zero""",
+    'the first tick in control': """ready; low drive!; tick; is ACTIVE low; at 0 0;
+        says 'low' takes control""",
     'an own topic that is silent': """in own alone; with operators=[]; always own silent; 1 s;
         says own e-stop of e-stop source 'always': never heard; always own clear!;
         not says own e-stop""",
