@@ -291,7 +291,7 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 COUNTS: dict[str, tuple[int, int]] = {
     'operator': (4935, 34545),
-    'processes': (37860, 302880),
+    'processes': (40818, 326544),
     'drive': (5777, 40439),
 }  # states, and steps between them
 test_every_state_near_the_start, test_every_state = visits_of(World, SCENES, COUNTS, near=200)
