@@ -165,13 +165,13 @@ class Joysticks:
 
     def _describe(self, address: int) -> str:
         frame = self._heard[address][1]
-        if address == self._settings.source_address:
-            text = 'another sender uses our own source_address'
-        else:
-            text = 'a foreign joystick drives the unit past the mux'
         hint = _VSC_HINT if _is_of_vsc(frame) else _MANUAL_HINT
         if J1939Id.from_identifier(frame.identifier).pgn == PROPRIETARY_PGN:
             text, hint = 'a foreign controller gives the unit the SOE permission', _SOE_HINT
+        elif address == self._settings.source_address:
+            text = 'another sender uses our own source_address'
+        else:
+            text = 'a foreign joystick drives the unit past the mux'
         return f'{text}: address {address:02X}, frame {frame.identifier:08X}; {hint}'
 
     def _sticks_of(self, basic: BasicJoystick, now: float) -> Sticks:

@@ -156,7 +156,6 @@ class SerialNumbers:
 
     def _place_behind(self, behind: int, content: object) -> Arrival:
         bit, is_copy = 1 << behind, self._is_copy(behind, content)
-        is_missing = self._is_missing(behind)
         if behind < WINDOW:
             self._recent[behind] = content
         if self._seen & bit:
@@ -167,7 +166,7 @@ class SerialNumbers:
         if behind > self._length:
             return Arrival.OLD
         self.lost -= 1  # it was only late
-        return Arrival.LATE if is_missing else Arrival.OLD
+        return Arrival.LATE if behind < WINDOW else Arrival.OLD
 
     def _has_restarted(self, serial: int, now: float, silent: bool) -> bool:
         """Follow a line of growing numbers from the past; tell when it is a new beginning."""
